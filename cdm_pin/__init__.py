@@ -1,0 +1,1 @@
+"""Dynamics, identification and diagnosis of cable-driven serial manipulators, on Pinocchio."""

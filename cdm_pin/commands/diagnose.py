@@ -1,0 +1,57 @@
+"""``cdm-pin diagnose``: recordings and a model to diagnosis.json, report.html and the completed model.yaml."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from ..console import emit, plain, progress_bar, table
+from ..files import whole_folder
+from ..manipulator import save_manipulator
+from ..model import load_model
+from ..recording import load_recording
+from ..wording import quantity, sentence
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
+    parser.add_argument("manipulator", help="manipulator.yaml or model.yaml")
+    parser.add_argument("recordings", nargs="+", metavar="recording", help="recordings to learn from")
+    parser.add_argument("--holdout", action="append", default=[], metavar="RECORDING", help="a recording to judge on")
+    parser.add_argument("-o", "--output", required=True, metavar="DIR", help="output folder")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command."""
+    from ..diagnose import diagnose
+    from ..gather import gather
+    from ..report import write_report
+
+    model = load_model(args.manipulator)
+    recordings = [load_recording(path, model) for path in args.recordings]
+    holdout = [load_recording(path, model) for path in args.holdout]
+    with progress_bar(args) as progress:
+        result = diagnose(model, recordings, holdout, progress=progress)
+    content = plain(result.content)
+    with whole_folder(args.output) as folder:
+        (folder / "diagnosis.json").write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n")
+        save_manipulator(result.manipulator, folder / "model.yaml", Path(args.output))
+        write_report(folder / "report.html", content, gather(result), result.model)
+    rows = [
+        [
+            item["effect"],
+            _place(item["location"]),
+            ", ".join(f"{name} {quantity(p)}" for name, p in item["parameters"].items()),
+            item["evidence"]["delta_bic"],
+            "; ".join(f"{o['effect']} {_place(o['location'])}" for o in item["indistinguishable_from"]),
+        ]
+        for item in content["findings"]
+    ]
+    shown = [table("Findings", ["effect", "where", "size", "delta BIC", "cannot be told from"], rows)] if rows else []
+    emit(args, content, sentence(content), *shown, f"Written: {args.output}/diagnosis.json, report.html, model.yaml")
+    return 0
+
+
+def _place(location: dict) -> str:
+    return " ".join(str(value) for value in location.values())

@@ -1,0 +1,126 @@
+"""The completed model run forward: what the effects of a model file add to the motors' torques."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .effects import CATALOGUE, Candidate, Effect, Place, all_motor_places
+from .errors import ManipulatorError, nearest
+from .geometry import Vector
+from .model import CableModel
+from .motion import Motion
+
+
+def effect_candidates(model: CableModel) -> list[tuple[Candidate, Vector]]:
+    """Turn the effects of a model file into candidates with coefficients.
+
+    Parameters
+    ----------
+    model : CableModel
+
+    Returns
+    -------
+    list of (Candidate, ndarray)
+
+    Raises
+    ------
+    ManipulatorError
+        If an effect, a place or a parameter is unknown, naming the nearest known one.
+    """
+    out = []
+    for k, record in enumerate(model.manipulator.effects):
+        place = f"effects[{k + 1}]"
+        try:
+            out.append(_candidate(model, record, place))
+        except ManipulatorError as exc:
+            raise ManipulatorError(exc.message, source=model.manipulator.source, place=exc.place or place) from None
+    return out
+
+
+def _candidate(model: CableModel, record: Mapping[str, Any], place: str) -> tuple[Candidate, Vector]:
+    name = str(record["effect"])
+    if name not in CATALOGUE:
+        hint = nearest(name, CATALOGUE) or f"; known: {', '.join(CATALOGUE)}"
+        raise ManipulatorError(f"unknown effect {name!r}{hint}", place=f"{place}.effect")
+    effect = CATALOGUE[name]
+    where = find_place(model, effect, record["location"], f"{place}.location")
+    parameters = _numbers(effect, record.get("parameters") or {}, f"{place}.parameters")
+    try:
+        beta, shape = effect.coefficients(parameters)
+    except (KeyError, ZeroDivisionError) as exc:
+        known = ", ".join(p.name for p in effect.parameters)
+        raise ManipulatorError(f"{name} needs the parameters {known}", place=f"{place}.parameters") from exc
+    return Candidate(effect, where, shape), beta
+
+
+def find_place(model: CableModel, effect: Effect, location: Any, where: str = "location") -> Place:
+    """Find the place of an effect that a location names, by its own name or by an alias.
+
+    Raises
+    ------
+    ManipulatorError
+        If the effect cannot sit there on this robot.
+    """
+    places = effect.places(model)
+    for place in places:
+        if place.location == location:
+            return place
+    for place in places:
+        if location in place.aliases:
+            return replace(place, location=dict(location))
+    if {place.location["kind"] for place in places} >= {"joint"} and any(any(place.A) for place in places):
+        for place in all_motor_places(model):  # also those that another place stands for, up to a factor
+            if place.location == location:
+                return place
+    if isinstance(location, Mapping) and location.get("kind") == "combination":
+        weights = [float(x) for x in location.get("weights", ())]
+        if len(weights) != model.n_motors:
+            raise ManipulatorError(f"{model.n_motors} weights were expected, found {len(weights)}", place=where)
+        return Place(dict(location), (0.0,) * model.n_joints, tuple(weights))
+    known = "; ".join(str(place.location) for place in places)
+    raise ManipulatorError(f"{effect.name} cannot sit at {location}; it can at {known}", place=where)
+
+
+def _numbers(effect: Effect, parameters: Mapping[str, Any], place: str) -> dict[str, float]:
+    known = [p.name for p in effect.parameters] + ["width", "recording"]
+    out = {}
+    for name, value in parameters.items():
+        if name not in known:
+            raise ManipulatorError(f"unknown parameter {name!r}{nearest(name, known)}", place=place)
+        if isinstance(value, Mapping):
+            value = value.get("value")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+            raise ManipulatorError(f"a number was expected, found {value!r}", place=f"{place}.{name}")
+        out[name] = float(value)
+    return out
+
+
+def added_torque(motion: Motion) -> Vector:
+    """Compute what the effects of the motion's model add to the motors' torques.
+
+    Effects that change where the joints stand (elasticity, ratio errors) enter to first order, as in their columns.
+
+    Parameters
+    ----------
+    motion : Motion
+
+    Returns
+    -------
+    ndarray, shape (n, n_motors)
+        [N m].
+    """
+    total = np.zeros((motion.n, motion.model.n_motors))
+    for candidate, beta in effect_candidates(motion.model):
+        columns = candidate.columns(motion)
+        if columns.along is not None:
+            series, w = columns.along
+            k = min(len(beta), len(series))
+            total += (beta[:k] @ series[:k])[:, None] * w
+        elif columns.torque is not None:
+            k = min(len(beta), columns.torque.shape[2])
+            total += columns.torque[..., :k] @ beta[:k]
+    return total

@@ -1,0 +1,430 @@
+"""Recordings and a model in, a diagnosis out: what physics the model leaves out, where, how large, how sure."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from . import findings as fi
+from .base import base_parameters, massive_columns
+from .consistency import nearest_standard
+from .effects import Candidate
+from .explain import Explanation, Found, explain, explained, patch
+from .geometry import Manipulator, Vector, frozen_array
+from .model import CableModel
+from .problem import Problem, make_problem
+from .recording import Recording
+from .selection import Fit, ProgressCallback, Search, Settings, updated_model
+
+ONCE = ("external_torque", "unnamed_time", "unnamed_wear", "unnamed_gain_drift", "unnamed_tone")
+"""What happens at a time of its own: another recording cannot judge it."""
+SCHEMA = "cdm_pin.diagnosis/1"
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found.
+
+    Attributes
+    ----------
+    content : dict
+        What diagnosis.json says.
+    model : CableModel
+        With the re-identified inertial parameters.
+    manipulator : Manipulator
+        The completed model, as model.yaml says it.
+    explanation : Explanation or None
+        Fits and scores behind it; None where the data are insufficient.
+    search, holdout : Search or None
+        The training and the unseen recordings.
+    """
+
+    content: dict[str, Any]
+    model: CableModel
+    manipulator: Manipulator
+    explanation: Explanation | None = None
+    search: Search | None = None
+    holdout: Search | None = None
+
+
+def diagnose(
+    model: CableModel,
+    recordings: Sequence[Recording],
+    holdout: Sequence[Recording] = (),
+    *,
+    settings: Settings | None = None,
+    progress: ProgressCallback | None = None,
+) -> Diagnosis:
+    """Find, name and size the physics that a model leaves out.
+
+    Parameters
+    ----------
+    model : CableModel
+        Its inertial parameters are a first guess; they are identified anew.
+    recordings : sequence of Recording
+        To learn from; copies are counted once and the order does not matter.
+    holdout : sequence of Recording
+        To judge on.
+    settings : Settings, optional
+    progress : callable, optional
+        Called with the name of the step and the fraction done.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    RecordingError
+        If a recording contradicts the model.
+    """
+    settings = settings or Settings()
+    say = progress or (lambda step, fraction: None)
+    recordings = distinct(recordings)
+    unseen = [r for r in distinct(holdout) if _digest(r) not in {_digest(x) for x in recordings}]
+    say("preparing", 0.0)
+    problem = make_problem(model, recordings)
+    reason = insufficient(problem)
+    if reason:
+        return Diagnosis(_insufficient(problem, reason), model, model.manipulator)
+    base = base_parameters(model, columns=massive_columns(model))
+    search = _linearised(Search(problem, base, settings), [], 1)
+    explanation = explain(search, progress)
+    search, explanation = _settle(search, explanation)
+    judge = Search(make_problem(search.problem.model, unseen, problem.band), base, settings) if unseen else None
+    if judge is not None:
+        explanation = _judged(search, judge, explanation)
+    say("sensitivities", 0.95)
+    return _report(model, search, judge, explanation)
+
+
+def _judged(search: Search, judge: Search, explanation: Explanation) -> Explanation:
+    """Withdraw what does not help on the unseen recordings; what then stands out has no name."""
+    kept = [f for j, f in enumerate(explanation.found) if _helps(search, judge, explanation, j)]
+    if len(kept) == len(explanation.found):
+        return explanation
+    candidates = [f.candidate for f in kept]
+    patched = patch(search, explanation.bank, candidates)
+    if patched is None:
+        return _restricted(search, explanation, kept)
+    renewed = explained(search, explanation.bank, patched)
+    kept = [f for j, f in enumerate(renewed.found) if not f.candidate.named or _helps(search, judge, renewed, j)]
+    return _restricted(search, renewed, kept)
+
+
+def distinct(recordings: Sequence[Recording]) -> list[Recording]:
+    """Give each recording once, in an order that depends on its content alone."""
+    return list({_digest(r): r for r in sorted(recordings, key=_digest)}.values())
+
+
+def _digest(recording: Recording) -> str:
+    digest = hashlib.sha256(np.ascontiguousarray(recording.time - recording.time[0]).tobytes())
+    for name in sorted(recording.channels):
+        digest.update(name.encode() + np.ascontiguousarray(recording.channels[name]).tobytes())
+    return digest.hexdigest()
+
+
+def insufficient(problem: Problem) -> str:
+    """Say why the recordings cannot support a diagnosis; empty if they can."""
+    samples = sum(stop - start for run in problem.segments for start, stop in run)
+    duration = samples * problem.band.step / problem.band.rate
+    if samples < 100:
+        return f"only {duration:.3g} s of usable motion in the band up to {problem.band.cutoff:.3g} Hz"
+    moving = max(float(np.ptp(m.q, axis=0).max()) for m in problem.motions)
+    if moving < 1e-3:
+        return f"nothing moves (largest range of a joint {moving:.2g})"
+    return ""
+
+
+def _insufficient(problem: Problem, reason: str) -> dict[str, Any]:
+    return {
+        "schema": SCHEMA,
+        "verdict": "insufficient_data",
+        "reason": reason,
+        "rigid_body": {"changed": []},
+        "findings": [],
+        "fit": {"train": None, "holdout": None, "simulated_position": None},
+        "sensitivity": [],
+        "unexplained": None,
+        "next_experiment": None,
+        "data": _data(problem),
+    }
+
+
+def _linearised(search: Search, effects: Sequence[Candidate], rounds: int) -> Search:
+    """Move the model to the fitted base parameters, about which first-order columns are taken."""
+    for _ in range(rounds):
+        fit = search.fit(effects)
+        moved = updated_model(search.problem.model, search.base, fit.base)
+        search = Search(search.problem.with_model(moved), search.base, search.settings)
+    return search
+
+
+def _settle(search: Search, explanation: Explanation) -> tuple[Search, Explanation]:
+    """Take the columns of what was found about the completed model, and fit again."""
+    if not explanation.found:
+        return search, explanation
+    search = _linearised(search, [f.candidate for f in explanation.found], 2)
+    return search, _restricted(search, explanation, explanation.found)
+
+
+def _restricted(search: Search, explanation: Explanation, found: Sequence[Found]) -> Explanation:
+    """Give the explanation with only these findings, fitted anew."""
+    candidates = [f.candidate for f in found]
+    fit = search.fit(candidates)
+    rigid = search.fit([], fit.whitener)
+    renewed = []
+    for j, f in enumerate(found):
+        without = search.fit([c for i, c in enumerate(candidates) if i != j], fit.whitener)
+        renewed.append(replace(f, score=search.score(without, f.candidate)))
+    return Explanation(tuple(renewed), fit, rigid, explanation.bank, search.score_all(fit, explanation.bank))
+
+
+def _errors(search: Search, base: Vector, effects: Sequence[Candidate], beta: Sequence[Vector]) -> list[Vector]:
+    """Subtract what a fitted model predicts from the data, in the band, per run (n_channels, n_reduced)."""
+    own = [search.columns(c) for c in effects]
+    out = []
+    for r, (rigid, nominal) in enumerate(zip(search.rigid, search.nominal, strict=True)):
+        e = nominal - np.tensordot(base, rigid, 1)
+        for columns, b in zip(own, beta, strict=True):
+            e = e - np.tensordot(b, columns[r], 1)
+        out.append(e)
+    return out
+
+
+def rms(search: Search, errors: Sequence[Vector]) -> Vector:
+    """Root mean square per channel over the samples that are judged."""
+    parts = [e[:, a:b] for e, run in zip(errors, search.problem.segments, strict=True) for a, b in run]
+    return np.sqrt(np.mean(np.concatenate(parts, axis=1) ** 2, axis=1)) if parts else np.array([])
+
+
+def _weighted(search: Search, errors: Sequence[Vector], level: Vector) -> float:
+    return float(np.sum((rms(search, errors) / level) ** 2))
+
+
+def _helps(search: Search, judge: Search, explanation: Explanation, j: int) -> bool:
+    """Whether finding `j` lowers the whitened error on the unseen recordings, and does not raise the plain one."""
+    fit = explanation.fit
+    if fit.effects[j].effect.name in ONCE:
+        return True
+    without = search.fit([c for i, c in enumerate(fit.effects) if i != j], fit.whitener)
+    whole = [judge.white(fit.whitener, _stacked(judge, f)) for f in (fit, without)]
+    if float(np.sum(whole[0] ** 2)) >= float(np.sum(whole[1] ** 2)):
+        return False
+    level = np.maximum(noise_floor(judge, fit.effects), 1e-12)
+    with_it, without_it = (_weighted(judge, _errors(judge, f.base, f.effects, f.beta), level) for f in (fit, without))
+    return with_it < 1.01 * without_it
+
+
+def _stacked(judge: Search, fit: Fit) -> list[Vector]:
+    return [e[None] for e in _errors(judge, fit.base, fit.effects, fit.beta)]
+
+
+def noise_floor(search: Search, effects: Sequence[Candidate] = ()) -> Vector:
+    """Estimate each channel's noise in the band without a law, shape (n_channels,).
+
+    It is what smooth functions of position, speed, direction and time leave over beside the rigid body and what was
+    found, corrected for their number.
+    """
+    return rms(search, search.left_over(effects))
+
+
+def _fit_content(search: Search, rigid: Fit, fit: Fit, judged: Search) -> dict[str, Any]:
+    m = search.problem.model.n_motors
+    return {
+        "rmse_rigid": rms(judged, _errors(judged, rigid.base, (), ()))[:m].tolist(),
+        "rmse_augmented": rms(judged, _errors(judged, fit.base, fit.effects, fit.beta))[:m].tolist(),
+        "noise_floor": noise_floor(judged, fit.effects)[:m].tolist(),
+    }
+
+
+def _report(model: CableModel, search: Search, judge: Search | None, explanation: Explanation) -> Diagnosis:
+    fit = explanation.fit
+    patches = [f for f in explanation.found if not f.candidate.named]
+    named = [j for j, f in enumerate(explanation.found) if f.candidate.named]
+    if patches:
+        named = [j for j in named if fi.is_sure(explanation.found[j], explanation.found[j].score, patches)]
+    named.sort(key=lambda j: -explanation.found[j].score.statistic)
+    covariance, betas, shapes = fi.joint_covariance(search, fit)
+    own_rigid = search.fit([])
+    items, records = [], []
+    for j in named:
+        found = explanation.found[j]
+        index = np.r_[betas[j], shapes[j]]
+        values = fi.parameters(found.candidate, fit.beta[j], covariance[np.ix_(index, index)])
+        items.append(_finding(search, judge, explanation, j, values))
+        items += _carried(items[-1])
+        records.append(_record(found.candidate, values))
+    verdict = "unexplained" if patches else ("missing_physics" if items else "consistent")
+    content = {
+        "schema": SCHEMA,
+        "verdict": verdict,
+        "rigid_body": {"changed": changed_parameters(model, search, explanation)},
+        "findings": items,
+        "fit": {
+            "train": _fit_content(search, own_rigid, fit, search),
+            "holdout": _fit_content(search, own_rigid, fit, judge) if judge is not None else None,
+            "simulated_position": None,
+        },
+        "sensitivity": fi.sensitivities(search, explanation),
+        "unexplained": _unexplained(explanation, patches, search) if patches else None,
+        "next_experiment": None,
+        "data": _data(search.problem),
+    }
+    completed = completed_manipulator(model, search, fit, tuple(records), covariance)
+    return Diagnosis(content, search.problem.model, completed, explanation, search, judge)
+
+
+def _data(problem: Problem) -> dict[str, Any]:
+    return {
+        "band": [0.0, problem.band.cutoff],
+        "rate": problem.band.rate / problem.band.step,
+        "torque": problem.torque,
+        "kinematic": problem.kinematic,
+        "recordings": [
+            {"name": run.name, "duration": float(run.motion.time[-1]), "notices": list(run.signals.notices)}
+            for run in problem.runs
+        ],
+    }
+
+
+def _finding(
+    search: Search, judge: Search | None, explanation: Explanation, j: int, values: dict[str, Any]
+) -> dict[str, Any]:
+    found, fit = explanation.found[j], explanation.fit
+    reduction = None
+    if judge is not None:
+        without = search.fit([c for i, c in enumerate(fit.effects) if i != j], fit.whitener)
+        level = np.maximum(rms(judge, _errors(judge, fit.base, fit.effects, fit.beta)), 1e-12)
+        after, before = (_weighted(judge, _errors(judge, f.base, f.effects, f.beta), level) for f in (fit, without))
+        reduction = 1 - float(np.sqrt(after / before))
+    candidate = found.candidate
+    time = [candidate.shape[0], candidate.shape[1]] if candidate.effect.name == "external_torque" else None
+    item = {
+        "effect": candidate.effect.name,
+        "location": fi.location(candidate),
+        "parameters": {k: v for k, v in values.items() if k not in ("start", "end")},
+        "evidence": {
+            "delta_bic": fi.refit_gain(found),
+            "log10_p": found.log_p / np.log(10),
+            "holdout_rmse_reduction": reduction,
+        },
+        "indistinguishable_from": fi.indistinguishable(search, explanation, j),
+        "time": time,
+        "region": None,
+    }
+    if judge is None:
+        item["unconfirmed"] = True
+    return item
+
+
+def _carried(item: dict[str, Any]) -> list[dict[str, Any]]:
+    """List the friction that a motor which also turns with another joint brings along, as findings of their own."""
+    if item["effect"] != "transmission_coupling":
+        return []
+    out = []
+    for effect, name in (("coulomb_friction", "coulomb"), ("viscous_friction", "viscous")):
+        parameter = item["parameters"][name]
+        if parameter["value"] > 5 * parameter["std"]:
+            place = {"kind": "motor", "index": item["location"]["index"]}
+            out.append({**item, "effect": effect, "location": place, "parameters": {name: parameter}})
+    return out
+
+
+def _record(candidate: Candidate, values: dict[str, Any]) -> dict[str, Any]:
+    parameters = {name: round(float(v["value"]), 10) for name, v in values.items()}
+    if candidate.effect.nuisance_shape:
+        parameters["width"] = round(float(candidate.shape[0]), 10)
+    return {"effect": candidate.effect.name, "location": fi.location(candidate), "parameters": parameters}
+
+
+def _unexplained(explanation: Explanation, patches: Sequence[Found], search: Search) -> dict[str, Any]:
+    main = max(patches, key=lambda f: f.score.statistic)
+    j = explanation.found.index(main)
+    columns = search.columns(main.candidate)
+    torque = [np.tensordot(explanation.fit.beta[j], c, 1) for c in columns]
+    size = float(np.sqrt(np.sum(rms(search, torque) ** 2)))
+    place = fi.location(main.candidate)
+    words = f"{place['kind']} {place.get('index', '')}".strip()
+    nearest = [{"effect": r.effect.name, "location": fi.location(r)} for r, _ in main.rivals if r.named][:3]
+    return {
+        "location": {"kind": place["kind"], "index": place["index"]},
+        "time": None,
+        "region": main.candidate.effect.revealed_by.format(place=words),
+        "rms": size,
+        "nearest": nearest,
+    }
+
+
+def changed_parameters(model: CableModel, search: Search, explanation: Explanation) -> list[dict[str, Any]]:
+    """List the base parameters that differ from the file: by more than 4 standard errors and 1 % of themselves."""
+    base, fit = search.base, explanation.fit
+    nominal = base.values(model.standard_parameters)
+    value = base.values(search.problem.model.standard_parameters) + fit.base
+    p = len(base.columns)
+    std = np.sqrt(np.diag(fit.covariance)[:p])
+    alternatives = fi.absorbed(search, explanation) + _payloads(search)
+    out = []
+    for k in np.argsort(-np.abs(value - nominal) / np.maximum(std, 1e-12)):
+        change = abs(value[k] - nominal[k])
+        if change < 4 * std[k] or change < 0.01 * abs(nominal[k]):
+            continue
+        same = [
+            {"effect": e["effect"], "location": e["location"]} for e in alternatives if base.names[k] in e["parameters"]
+        ]
+        out.append(
+            {
+                "base_parameter": base.names[k],
+                "links": list(base.links[k]),
+                "nominal": float(nominal[k]),
+                "value": float(value[k]),
+                "std": float(std[k]),
+                "indistinguishable_from": same[:4],
+            }
+        )
+    return out
+
+
+def _payloads(search: Search) -> list[dict[str, Any]]:
+    """List a payload on each link with the base parameters that it would change."""
+    base, out = search.base, []
+    for link in range(search.problem.model.n_joints):
+        moved = np.abs(base.matrix[:, 10 * link : 10 * link + 10]).sum(axis=1) > 1e-9
+        names = [name for name, yes in zip(base.names, moved, strict=True) if yes]
+        out.append({"effect": "payload", "location": {"kind": "link", "index": link + 1}, "parameters": names})
+    return out[::-1]
+
+
+def completed_manipulator(
+    model: CableModel, search: Search, fit: Fit, effects: tuple[dict[str, Any], ...], covariance: Vector
+) -> Manipulator:
+    """Give the manipulator with physically valid links that reproduce the base parameters, and with effects."""
+    base = search.base
+    values = base.values(search.problem.model.standard_parameters) + fit.base
+    std = np.sqrt(np.diag(covariance)[: len(values)])
+    records = tuple(
+        {"name": name, "value": float(value), "std": float(s)}
+        for name, value, s in zip(base.names, values, std, strict=True)
+    )
+    manipulator = replace(model.manipulator, effects=model.manipulator.effects + effects, base_parameters=records)
+    standard = nearest_standard(base.matrix, values, model.standard_parameters)
+    if standard is None or not manipulator.links:
+        return manipulator
+    return replace(manipulator, links=links_from_parameters(manipulator, standard.parameters))
+
+
+def links_from_parameters(manipulator: Manipulator, pi_std: Vector):
+    """Give the links with these standard parameters."""
+    links = []
+    for link, (m, hx, hy, hz, xx, xy, yy, xz, yz, zz) in zip(
+        manipulator.links, np.reshape(pi_std, (-1, 10)), strict=True
+    ):
+        c = np.array([hx, hy, hz]) / m
+        about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        inertia = about_origin - m * (c @ c * np.eye(3) - np.outer(c, c))
+        links.append(replace(link, mass=float(m), center_of_mass=frozen_array(c), inertia=frozen_array(inertia)))
+    return tuple(links)

@@ -1,0 +1,1138 @@
+"""The catalogue of physics that a rigid-body model leaves out: one entry per effect, all of them at the end.
+
+An entry says where the effect can sit, which columns it adds to the inverse dynamics for given nonlinear parameters
+(`shape`), which signs its coefficients must have, and how coefficients and shape become its physical parameters.
+To add an effect, add one `Effect` to `CATALOGUE`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numba
+import numpy as np
+
+from .geometry import Vector
+from .model import CableModel
+from .motion import Motion
+
+Shape = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns of one effect, per unit of each coefficient.
+
+    Attributes
+    ----------
+    torque : ndarray, shape (n, n_motors, k) or None
+        Added to the motor torques.
+    along : (ndarray, shape (k, n); ndarray, shape (n_motors,)) or None
+        Instead of `torque` where all motors see the same series, each with its weight.
+    kinematic : ndarray, shape (n, n_motors, k) or None
+        Added to x_i = (r_m/r_j) q_m,i - sum of the joints before and at i, where both sides are measured.
+    """
+
+    torque: Vector | None = None
+    kinematic: Vector | None = None
+    along: tuple[Vector, Vector] | None = None
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an effect sits: the coordinate s = A q + B q_m it acts along, and what this place is called.
+
+    Attributes
+    ----------
+    location : dict
+        In the words of the diagnosis format.
+    A, B : tuple of float
+        Weights over joints and motors; a torque f along s adds A f to the joints and B f to the motors.
+    index : tuple of int
+        Zero-based numbers that the effect's functions need.
+    aliases : tuple of dict
+        Other locations that are the same coordinate on this robot.
+    """
+
+    location: dict[str, Any]
+    A: Shape = ()
+    B: Shape = ()
+    index: tuple[int, ...] = ()
+    aliases: tuple[dict[str, Any], ...] = ()
+
+    def along(self, joints: Vector, motors: Vector) -> Vector:
+        """Give A x + B x_m along a motion, shape (n,)."""
+        return joints @ np.array(self.A) + motors @ np.array(self.B)
+
+    def weights(self, model: CableModel) -> Vector:
+        """Give w of tau_m = w f(w' v_m), shape (n_motors,)."""
+        return model.joint_from_motor.T @ np.array(self.A) + np.array(self.B)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A physical parameter: name, unit, admissible range."""
+
+    name: str
+    unit: str
+    lower: float = -np.inf
+    upper: float = np.inf
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One entry of the catalogue.
+
+    Attributes
+    ----------
+    name : str
+    parameters : tuple of Parameter
+    places : callable
+        Model -> places.
+    columns : callable
+        Motion, place, shape -> `Columns`.
+    grid : callable
+        Motions, place -> coarse list of shapes to screen.
+    bounds : callable
+        Motions, place -> (lower, upper) per element of the shape, for its estimation.
+    signs : tuple of int
+        Per coefficient +1 (never negative) or 0 (free).
+    physical : callable
+        Coefficients, shape -> parameter values.
+    exact : bool
+        Whether the columns are exact or to first order in the effect.
+    confounded : tuple of str
+        Effects it is easily taken for.
+    revealed_by : str
+        The experiment that shows it.
+    reference : str
+    """
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    places: Callable[[CableModel], list[Place]]
+    columns: Callable[[Motion, Place, Shape], Columns]
+    physical: Callable[[Vector, Shape], dict[str, float]]
+    grid: Callable[[Sequence[Motion], Place], list[Shape]] = lambda motions, place: [()]
+    bounds: Callable[[Sequence[Motion], Place], list[tuple[float, float]]] = lambda motions, place: []
+    signs: tuple[int, ...] = (0,)
+    exact: bool = True
+    confounded: tuple[str, ...] = ()
+    revealed_by: str = ""
+    reference: str = ""
+    nuisance_shape: int = field(default=0)  # leading elements of the shape that are smoothing, not physics
+    reach: float = 0.35  # share of the (logarithmic) range of a shape that one estimate may move through
+    inverse: Callable[[dict[str, float]], tuple[list[float], list[float]]] | None = None  # of `physical`
+
+    def coefficients(self, parameters: dict[str, float]) -> tuple[Vector, Shape]:
+        """Turn physical parameters (and the `width` of the smooth sign, rad/s) into coefficients and shape."""
+        if self.inverse is None:
+            beta, shape = [float(parameters.get(p.name, 0.0)) for p in self.parameters], []
+        else:
+            beta, shape = self.inverse(parameters)
+        width = [float(parameters.get("width", 0.01))] * self.nuisance_shape
+        return np.array(beta), (*width, *map(float, shape))
+
+
+# ---------------------------------------------------------------------------------------------------- places
+
+
+def _unit(n: int, i: int) -> Shape:
+    return tuple(float(k == i) for k in range(n))
+
+
+def joint_places(model: CableModel) -> list[Place]:
+    """Every joint that is a coordinate of its own; what turns with it by a constant ratio of one is an alias.
+
+    On the paper's arm motor 1 is an alias of joint 1; on a robot with parallelograms many joints are one coordinate.
+    """
+    nj, nm = model.n_joints, model.n_motors
+    rows = model.joint_from_motor
+    places: list[Place] = []
+    for i in range(nj):
+        aliases: list[dict[str, Any]] = []
+        moving = np.flatnonzero(np.abs(rows[i]) > 1e-12)
+        if len(moving) == 1 and abs(rows[i, moving[0]] - 1) < 1e-9:
+            aliases.append({"kind": "motor", "index": int(moving[0]) + 1})
+        if model.manipulator.links:
+            aliases.append({"kind": "cable", "index": i + 1, "link": i})
+        elif any(_parallel(rows[i], rows[place.index[0]]) for place in places):
+            continue
+        places.append(Place({"kind": "joint", "index": i + 1}, _unit(nj, i), (0.0,) * nm, (i,), tuple(aliases)))
+    return places
+
+
+def _parallel(a: Vector, b: Vector) -> bool:
+    return bool(abs(a @ b) > (1 - 1e-9) * np.linalg.norm(a) * np.linalg.norm(b))
+
+
+def motor_places(model: CableModel) -> list[Place]:
+    """Every motor that is not the same coordinate as a joint."""
+    joints = joint_places(model)
+    taken = {alias["index"] for place in joints for alias in place.aliases if alias["kind"] == "motor"}
+    if not model.manipulator.links:
+        own = model.joint_from_motor[[place.index[0] for place in joints]]
+        taken |= {i + 1 for i in range(model.n_motors) if any(_parallel(np.eye(model.n_motors)[i], row) for row in own)}
+    return [place for place in all_motor_places(model) if place.location["index"] not in taken]
+
+
+def all_motor_places(model: CableModel) -> list[Place]:
+    """Every motor."""
+    nj, nm = model.n_joints, model.n_motors
+    aliases = [({"kind": "cable", "index": i + 1, "link": 0},) if model.manipulator.links else () for i in range(nm)]
+    return [Place({"kind": "motor", "index": i + 1}, (0.0,) * nj, _unit(nm, i), (i,), aliases[i]) for i in range(nm)]
+
+
+def guide_places(model: CableModel) -> list[Place]:
+    """Cable i on guides of link k, for the links that are not the same coordinate as a joint or a motor."""
+    nj, nm = model.n_joints, model.n_motors
+    pulleys = model.manipulator.pulleys
+    if pulleys is None:
+        return []
+    places = []
+    for i in range(nm):
+        for k in range(1, i):
+            A = -1.0 * (np.arange(nj) < k) * pulleys.joint_pulley_radius / pulleys.joint_pulley_radius[i]
+            B = np.eye(nm)[i] * pulleys.motor_pulley_radius[i] / pulleys.joint_pulley_radius[i]
+            location = {"kind": "cable", "index": i + 1, "link": k}
+            places.append(Place(location, tuple(A), tuple(B), (i, k)))
+    return places
+
+
+def axis_places(model: CableModel) -> list[Place]:
+    """Every joint and every motor."""
+    return joint_places(model) + motor_places(model)
+
+
+def rub_places(model: CableModel) -> list[Place]:
+    """Everywhere parts slide on each other along one coordinate: joints, motors, cables on guides."""
+    return axis_places(model) + guide_places(model)
+
+
+def base_places(model: CableModel) -> list[Place]:
+    """Give the base alone."""
+    return [Place({"kind": "base"})]
+
+
+def cable_places(model: CableModel) -> list[Place]:
+    """Every cable pair."""
+    return [Place({"kind": "cable", "index": i + 1}, index=(i,)) for i in range(model.n_motors)]
+
+
+def cable_joint_places(model: CableModel) -> list[Place]:
+    """Every cable at every joint that it passes; by E alone only the motor of a joint is known to pass it."""
+    passes = np.abs(model.motor_from_joint) > 1e-12
+    if not model.manipulator.links:
+        passes &= np.eye(model.n_motors, model.n_joints, dtype=bool)
+    return [
+        Place({"kind": "cable", "index": i + 1, "joint": k + 1}, index=(i, k))
+        for i in range(model.n_motors)
+        for k in range(model.n_joints)
+        if passes[i, k]
+    ]
+
+
+def own_joint_places(model: CableModel) -> list[Place]:
+    """Give the joint that each cable drives."""
+    n = min(model.n_joints, model.n_motors)
+    return [Place({"kind": "joint", "index": i + 1}, index=(i, i)) for i in range(n)]
+
+
+def delay_places(model: CableModel) -> list[Place]:
+    """Give the whole logger, and every motor alone."""
+    motors = [Place({"kind": "motor", "index": i + 1}, index=(i,)) for i in range(model.n_motors)]
+    return [Place({"kind": "system"}), *motors] if model.n_motors > 1 else [Place({"kind": "system"})]
+
+
+# ---------------------------------------------------------------------------------------------------- shapes
+
+
+def speed_scale(motions: Sequence[Motion], place: Place) -> float:
+    """Root mean square speed along the place's coordinate."""
+    return float(np.sqrt(np.mean(np.concatenate([place.along(m.v, m.v_m) ** 2 for m in motions])))) or 1.0
+
+
+def reach(motions: Sequence[Motion], place: Place) -> float:
+    """Range of positions along the place's coordinate."""
+    s = np.concatenate([place.along(m.q, m.q_m) for m in motions])
+    return float(np.ptp(s)) or 1.0
+
+
+def sign_width(motions: Sequence[Motion], place: Place) -> float:
+    """Width of the smooth sign of velocity to start from: the speed's own uncertainty, at least 2 % of its scale."""
+    noise = max(float(np.abs(place.weights(m.model)) @ m.velocity_noise) for m in motions)
+    return max(2 * noise, 0.02 * speed_scale(motions, place))
+
+
+def _width_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
+    return [(sign_width(motions, place),)]
+
+
+def _width_bounds(motions: Sequence[Motion], place: Place) -> list[tuple[float, float]]:
+    w = sign_width(motions, place)
+    return [(0.1 * w, 8 * w)]
+
+
+def _grid(*values: Callable[[Sequence[Motion], Place], Any]):
+    def grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
+        shapes: list[Shape] = [()]
+        for value in values:
+            shapes = [(*shape, float(x)) for shape in shapes for x in value(motions, place)]
+        return shapes
+
+    return grid
+
+
+def _one_width(motions: Sequence[Motion], place: Place) -> list[float]:
+    return [sign_width(motions, place)]
+
+
+def _bounds(*pairs: Callable[[Sequence[Motion], Place], tuple[float, float]]):
+    return lambda motions, place: _width_bounds(motions, place) + [pair(motions, place) for pair in pairs]
+
+
+# ---------------------------------------------------------------------------------------------------- columns
+
+
+def _rub(motion: Motion, place: Place, *series: Vector) -> Columns:
+    """Columns of torques f along the place's coordinate."""
+    return Columns(along=(np.stack(series), place.weights(motion.model)))
+
+
+def _speed(motion: Motion, place: Place) -> Vector:
+    return place.along(motion.v, motion.v_m)
+
+
+def _position(motion: Motion, place: Place) -> Vector:
+    return place.along(motion.q, motion.q_m)
+
+
+def _sign(motion: Motion, place: Place, shape: Shape) -> Vector:
+    return np.tanh(_speed(motion, place) / shape[0])
+
+
+def _viscous(motion: Motion, place: Place, shape: Shape) -> Columns:
+    return _rub(motion, place, _speed(motion, place))
+
+
+def _coulomb(motion: Motion, place: Place, shape: Shape) -> Columns:
+    return _rub(motion, place, _sign(motion, place, shape))
+
+
+def _stribeck(motion: Motion, place: Place, shape: Shape) -> Columns:
+    s = _sign(motion, place, shape)
+    return _rub(motion, place, s, s * np.exp(-((_speed(motion, place) / shape[1]) ** 2)))
+
+
+def _asymmetric(motion: Motion, place: Place, shape: Shape) -> Columns:
+    s = _sign(motion, place, shape)
+    return _rub(motion, place, 0.5 * (1 + s), -0.5 * (1 - s))
+
+
+def _drag(motion: Motion, place: Place, shape: Shape) -> Columns:
+    v = _speed(motion, place)
+    return _rub(motion, place, v * np.abs(v))
+
+
+def _load(motion: Motion, place: Place, shape: Shape) -> Columns:
+    return _rub(motion, place, motion.hinge_force[:, place.index[0]] * _sign(motion, place, shape))
+
+
+def _torque(motion: Motion, place: Place, shape: Shape) -> Columns:
+    tau = motion.tau if any(place.A) else motion.tau_m
+    return _rub(motion, place, np.abs(tau[:, place.index[0]]) * _sign(motion, place, shape))
+
+
+def _by_position(motion: Motion, place: Place, shape: Shape) -> Columns:
+    s, x = _sign(motion, place, shape), shape[1] * _position(motion, place)
+    return _rub(motion, place, s, s * np.sin(x), s * np.cos(x))
+
+
+def _capstan(motion: Motion, place: Place, shape: Shape) -> Columns:
+    i, k = place.index
+    pulleys = motion.model.manipulator.pulleys
+    assert pulleys is not None
+    r = pulleys.joint_pulley_radius[i]
+    wrap = 2 * pulleys.wrap_half_angle[k]
+    load = motion.cable_torque[:, i]
+    pull = motion.pretension or 0.0
+    f = 2 * r * pull * wrap - load * motion.q[:, k]
+    return _rub(motion, place, f * _sign(motion, place, shape))
+
+
+def capstan_places(model: CableModel) -> list[Place]:
+    """Cable i over the joint pulley at the end of link k: it slides there as it does on the guides of link k."""
+    places = []
+    for place in guide_places(model) + _outer_guides(model):
+        i, k = place.index
+        if k < model.n_joints:
+            places.append(Place(place.location, place.A, place.B, (i, k)))
+    return places
+
+
+def _outer_guides(model: CableModel) -> list[Place]:
+    if model.manipulator.pulleys is None:
+        return []
+    joints, motors = joint_places(model), all_motor_places(model)
+    own = [
+        Place({"kind": "cable", "index": i + 1, "link": i}, joints[i].A, joints[i].B, (i, i))
+        for i in range(1, len(joints))
+    ]
+    base = [
+        Place({"kind": "cable", "index": i + 1, "link": 0}, motors[i].A, motors[i].B, (i, 0))
+        for i in range(len(motors))
+    ]
+    return own + base
+
+
+@numba.njit(cache=True)
+def dahl(x: Vector, distance: float) -> Vector:
+    """Integrate dz/dx = (1 - z sign(dx)) / distance: friction over its limit, with memory of where it turned."""
+    z = np.zeros(len(x))
+    for k in range(1, len(x)):
+        dx = x[k] - x[k - 1]
+        s = 1.0 if dx > 0 else -1.0
+        z[k] = s + (z[k - 1] - s) * np.exp(-abs(dx) / distance)
+    return z
+
+
+@numba.njit(cache=True)
+def maxwell(x: Vector, distance: float, spread: float) -> Vector:
+    """Sum four elastic-sliding elements that let go between distance/spread and distance*spread, over their limit."""
+    total = np.zeros(len(x))
+    for e in range(4):
+        d = distance * spread ** ((e - 1.5) / 1.5)
+        z = 0.0
+        for k in range(1, len(x)):
+            z = min(1.0, max(-1.0, z + (x[k] - x[k - 1]) / d))
+            total[k] += 0.25 * z
+    return total
+
+
+def _hysteresis(motion: Motion, place: Place, shape: Shape) -> Columns:
+    x = _position(motion, place)
+    z = dahl(x, shape[0]) if shape[1] < 0.5 else maxwell(x, shape[0], 1.0 + 4.0 * (shape[1] - 0.5))
+    return _rub(motion, place, z)
+
+
+def _drift(motion: Motion, place: Place, shape: Shape) -> Columns:
+    s = _sign(motion, place, shape)
+    return _rub(motion, place, s, s * np.exp(-motion.time / shape[1]))
+
+
+def _spring(motion: Motion, place: Place, shape: Shape) -> Columns:
+    q = _position(motion, place)
+    if not shape[0]:
+        return _rub(motion, place, q, -np.ones_like(q))
+    return _rub(motion, place, q, -np.ones_like(q), q**2, q**3)
+
+
+def _moved(motion: Motion, travel: Vector, i: int, torque: Vector | None) -> Columns:
+    """Columns of effects that change where joint and motor stand: extra travel of cable i, seen or felt.
+
+    Where the joints are measured the travel appears in the kinematic residual; where only the motors are, the joints
+    stand elsewhere than E q_m says. `torque` is what the changed map does to the motors' torque.
+    """
+    n, nm = motion.n, motion.model.n_motors
+    x = np.zeros((n, nm))
+    x[:, i] = travel
+    if motion.joints_measured:
+        return Columns(
+            torque[..., None] if torque is not None else None, x[..., None] if motion.motors_measured else None
+        )
+    moved = motion.torque_change(-(x / motion.arm_scale) @ motion.model.joint_from_motor.T)
+    return Columns((moved + (torque if torque is not None else 0.0))[..., None])
+
+
+def _stack(parts: Sequence[Columns]) -> Columns:
+    def join(pieces: list[Vector | None]) -> Vector | None:
+        known = [piece for piece in pieces if piece is not None]
+        if not known:
+            return None
+        zero = np.zeros_like(known[0])
+        return np.concatenate([zero if piece is None else piece for piece in pieces], axis=-1)
+
+    return Columns(join([p.torque for p in parts]), join([p.kinematic for p in parts]))
+
+
+def _map_torque(motion: Motion, i: int, k: int, slope: Vector | float) -> Vector:
+    """Change of E' tau when cable i runs `slope` more per angle of joint k (virtual work)."""
+    E = motion.model.joint_from_motor
+    return -(motion.cable_torque[:, i] * slope)[:, None] * E[k]
+
+
+def _ratio(motion: Motion, place: Place, shape: Shape) -> Columns:
+    i, k = place.index
+    return _moved(motion, motion.q[:, k], i, _map_torque(motion, i, k, 1.0))
+
+
+def _eccentricity(motion: Motion, place: Place, shape: Shape) -> Columns:
+    i, k = place.index
+    q = motion.q[:, k]
+    return _stack(
+        [
+            _moved(motion, np.sin(q), i, _map_torque(motion, i, k, np.cos(q))),
+            _moved(motion, np.cos(q) - 1, i, _map_torque(motion, i, k, -np.sin(q))),
+        ]
+    )
+
+
+def _elasticity(motion: Motion, place: Place, shape: Shape) -> Columns:
+    from .signals_filters import differentiate
+
+    i = place.index[0]
+    load = motion.cable_torque[:, i]
+    parts = [_moved(motion, load, i, None)]
+    if motion.joints_measured:
+        parts.append(_moved(motion, -differentiate(load, motion.rate), i, None))
+    else:
+        zero = np.zeros_like(parts[0].torque) if parts[0].torque is not None else None
+        parts.append(Columns(zero))
+    return _stack(parts)
+
+
+def _backlash(motion: Motion, place: Place, shape: Shape) -> Columns:
+    i = place.index[0]
+    load = motion.cable_torque[:, i]
+    scale = float(np.sqrt(np.mean(load**2))) or 1.0
+    return _moved(motion, np.tanh(load / (0.03 * scale)), i, None)
+
+
+def _slack(motion: Motion, place: Place, shape: Shape) -> Columns:
+    i = place.index[0]
+    load = motion.cable_torque[:, i]
+    return _moved(motion, np.sign(load) * np.maximum(np.abs(load) - shape[0], 0.0), i, None)
+
+
+def _load_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
+    load = np.abs(np.concatenate([m.cable_torque[:, place.index[0]] for m in motions]))
+    return [(float(x),) for x in np.quantile(load, [0.4, 0.6, 0.75, 0.88]) if x > 0]
+
+
+def _load_bounds(motions: Sequence[Motion], place: Place) -> list[tuple[float, float]]:
+    grid = _load_grid(motions, place)
+    return [(0.5 * grid[0][0], 1.1 * grid[-1][0])] if grid else []
+
+
+def _coupling(motion: Motion, place: Place, shape: Shape) -> Columns:
+    i, k = place.index
+    s = motion.v_m[:, i] + shape[1] * motion.v[:, k]
+    a = motion.a_m[:, i] + shape[1] * motion.a[:, k]
+    w = np.eye(motion.model.n_motors)[i] + shape[1] * motion.model.joint_from_motor[k]
+    return Columns(along=(np.stack([a, s, np.tanh(s / shape[0])]), w))
+
+
+def motor_joint_places(model: CableModel) -> list[Place]:
+    """Every motor with every joint that is not its own, on arms whose cables are known."""
+    nj, nm = model.n_joints, model.n_motors
+    if not model.manipulator.links:
+        return []
+    return [
+        Place({"kind": "motor", "index": i + 1, "joint": k + 1}, (0.0,) * nj, _unit(nm, i), (i, k))
+        for i in range(nm)
+        for k in range(nj)
+        if k != i
+    ]
+
+
+def _ripple(motion: Motion, place: Place, shape: Shape) -> Columns:
+    x = shape[0] * motion.q_m[:, place.index[0]]
+    return _rub(motion, place, np.sin(x), np.cos(x))
+
+
+def _ripple_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
+    span = max(float(np.ptp(m.q_m[:, place.index[0]])) for m in motions)
+    fastest = max(float(np.quantile(np.abs(m.v_m[:, place.index[0]]), 0.7)) for m in motions)
+    rate = motions[0].rate
+    if span < 0.05 or fastest <= 0:
+        return []
+    step = 1.2 / span
+    highest = min(2 * np.pi * 0.1 * rate / fastest, 60.0)
+    return [(float(c),) for c in np.arange(max(1.9, 2.5 * 2 * np.pi / span / 2), highest, step)]
+
+
+def _rotor(motion: Motion, place: Place, shape: Shape) -> Columns:
+    return _rub(motion, place, motion.a_m[:, place.index[0]])
+
+
+def _gain(motion: Motion, place: Place, shape: Shape) -> Columns:
+    return _rub(motion, place, motion.tau_m[:, place.index[0]])
+
+
+def _offset(motion: Motion, place: Place, shape: Shape) -> Columns:
+    return _rub(motion, place, np.ones(motion.n))
+
+
+def _encoder(motion: Motion, place: Place, shape: Shape) -> Columns:
+    k = place.index[0]
+    d = np.zeros_like(motion.q)
+    d[:, k] = -1.0
+    zero = np.zeros_like(d)
+    torque = motion.torque_change(d, (zero, zero))[..., None]
+    if not (motion.joints_measured and motion.motors_measured):
+        return Columns(torque)
+    x = motion.arm_scale * motion.model.motor_from_joint[:, k]
+    return Columns(torque, np.broadcast_to(-x, (motion.n, len(x)))[..., None])
+
+
+def _tilt(motion: Motion, place: Place, shape: Shape) -> Columns:
+    from dataclasses import replace
+
+    from .dynamics import inverse_dynamics
+
+    model, g = motion.model, motion.model.chain.gravity
+    zero = np.zeros_like(motion.q)
+    columns = []
+    for axis in _tilt_axes(model):
+        turned = model.pin_model.copy()
+        turned.gravity.linear = -np.cross(axis, g)
+        columns.append(
+            inverse_dynamics(replace(model, pin_model=turned), motion.q, zero, zero) @ model.joint_from_motor
+        )
+    return Columns(np.stack(columns, axis=-1))
+
+
+def _tilt_axes(model: CableModel) -> list[Vector]:
+    if model.planar:
+        return [np.array([0.0, 0.0, 1.0])]
+    g = model.chain.gravity / (np.linalg.norm(model.chain.gravity) or 1.0)
+    first = np.cross(g, np.eye(3)[np.argmin(np.abs(g))])
+    first /= np.linalg.norm(first)
+    return [np.asarray(first, float), np.asarray(np.cross(g, first), float)]
+
+
+def _delay(motion: Motion, place: Place, shape: Shape) -> Columns:
+    late = (delayed(motion.tau_m, motion.rate, shape[0]) - motion.tau_m) / shape[0]
+    if place.index:
+        late = late * np.eye(motion.model.n_motors)[place.index[0]]
+    return Columns(late[..., None])
+
+
+def delayed(x: Vector, rate: float, delay: float) -> Vector:
+    """Shift columns by a delay [s] that need not be whole samples (linear phase, odd extension at the ends)."""
+    n, pad = len(x), int(rate)
+    padded = np.pad(x, ((pad, pad), (0, 0)), mode="reflect", reflect_type="odd")
+    frequency = np.fft.rfftfreq(len(padded), 1 / rate)
+    shifted = np.fft.rfft(padded, axis=0) * np.exp(-2j * np.pi * frequency * delay)[:, None]
+    return np.fft.irfft(shifted, len(padded), axis=0)[pad : pad + n]
+
+
+def _external(motion: Motion, place: Place, shape: Shape) -> Columns:
+    inside = (motion.time >= shape[0]) & (motion.time <= shape[1]) & (motion.index == int(shape[2]))
+    return _rub(motion, place, -inside.astype(float))
+
+
+def _windows(motions: Sequence[Motion], place: Place) -> list[Shape]:
+    """Overlapping windows of four lengths, on every recording."""
+    shapes = []
+    for r, motion in enumerate(motions):
+        end = float(motion.time[-1])
+        for width in end / 75 * 2.5 ** np.arange(4):
+            shapes += [(float(t), float(t + width), float(r)) for t in np.arange(0.0, end - width, width / 2)]
+    return shapes
+
+
+# ---------------------------------------------------------------------------------------------------- physical
+
+
+def _named(*names: str):
+    return lambda beta, shape: dict(zip(names, map(float, beta), strict=False))
+
+
+def _stribeck_physical(beta: Vector, shape: Shape) -> dict[str, float]:
+    return {"coulomb": float(beta[0]), "stribeck": float(beta[1]), "stribeck_velocity": shape[1]}
+
+
+def _position_physical(beta: Vector, shape: Shape) -> dict[str, float]:
+    depth = float(np.hypot(beta[1], beta[2]))
+    return {
+        "coulomb": float(beta[0]),
+        "depth": depth / float(beta[0]) if beta[0] else 0.0,
+        "cycles": shape[1],
+        "phase": float(np.arctan2(beta[2], beta[1])),
+    }
+
+
+def _spring_physical(beta: Vector, shape: Shape) -> dict[str, float]:
+    if not shape[0]:
+        return {"stiffness": float(beta[0]), "rest": float(beta[1] / beta[0]) if beta[0] else 0.0}
+    c = float(beta[3])
+    rest = -float(beta[2]) / (3 * c) if c else 0.0
+    return {"stiffness": float(beta[0]) - 3 * c * rest**2, "rest": rest, "cubic": c}
+
+
+def _sinusoid(amplitude: str):
+    def physical(beta: Vector, shape: Shape) -> dict[str, float]:
+        named = {amplitude: float(np.hypot(beta[0], beta[1]))}
+        if shape:
+            named["cycles"] = shape[0]
+        return named | {"phase": float(np.arctan2(beta[1], beta[0]))}
+
+    return physical
+
+
+def _stiffness(beta: Vector, shape: Shape) -> dict[str, float]:
+    k = 1.0 / float(beta[0]) if beta[0] else np.inf
+    return {"stiffness": k, "damping": float(beta[1]) * k**2 if len(beta) > 1 else 0.0}
+
+
+def _slack_physical(beta: Vector, shape: Shape) -> dict[str, float]:
+    return {"torque": shape[0], "stiffness": 1.0 / float(beta[0]) if beta[0] else np.inf}
+
+
+def _hysteresis_physical(beta: Vector, shape: Shape) -> dict[str, float]:
+    return {"stiffness": float(beta[0]) / shape[0], "limit": float(beta[0]), "form": shape[1]}
+
+
+def _drift_physical(beta: Vector, shape: Shape) -> dict[str, float]:
+    return {
+        "friction": float(beta[0]),
+        "extra": float(beta[1] / beta[0]) if beta[0] else 0.0,
+        "time_constant": shape[1],
+    }
+
+
+def _rotor_coupling(beta: Vector, shape: Shape) -> dict[str, float]:
+    return {"ratio": shape[1], "inertia": float(beta[0]), "viscous": float(beta[1]), "coulomb": float(beta[2])}
+
+
+def _wave(p: dict[str, float], amplitude: str) -> list[float]:
+    return [p[amplitude] * np.cos(p.get("phase", 0.0)), p[amplitude] * np.sin(p.get("phase", 0.0))]
+
+
+def _position_inverse(p: dict[str, float]) -> tuple[list[float], list[float]]:
+    depth, phase = p["coulomb"] * p.get("depth", 0.0), p.get("phase", 0.0)
+    return [p["coulomb"], depth * np.cos(phase), depth * np.sin(phase)], [p.get("cycles", 1.0)]
+
+
+def _spring_inverse(p: dict[str, float]) -> tuple[list[float], list[float]]:
+    k, rest, c = p.get("stiffness", 0.0), p.get("rest", 0.0), p.get("cubic", 0.0)
+    if not c:
+        return [k, k * rest], [0.0]
+    return [k + 3 * c * rest**2, k * rest + c * rest**3, -3 * c * rest, c], [1.0]
+
+
+def _elastic_inverse(p: dict[str, float]) -> tuple[list[float], list[float]]:
+    return [1 / p["stiffness"], p.get("damping", 0.0) / p["stiffness"] ** 2], []
+
+
+# ---------------------------------------------------------------------------------------------------- catalogue
+
+_NM, _RAD = "N m", "rad"
+_FRICTION = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994"
+_MAP = "Yan et al., eqs (6), (16)"
+
+CATALOGUE: dict[str, Effect] = {
+    effect.name: effect
+    for effect in (
+        Effect(
+            "viscous_friction",
+            (Parameter("viscous", "N m s/rad", 0.0),),
+            axis_places,
+            _viscous,
+            _named("viscous"),
+            signs=(1,),
+            confounded=("time_delay", "quadratic_drag"),
+            revealed_by="the same motion at several speeds",
+            reference=_FRICTION,
+        ),
+        Effect(
+            "coulomb_friction",
+            (Parameter("coulomb", _NM, 0.0),),
+            axis_places,
+            _coulomb,
+            _named("coulomb"),
+            _width_grid,
+            _width_bounds,
+            (1,),
+            confounded=("hysteresis", "capstan_friction", "torque_offset"),
+            revealed_by="slow strokes both ways",
+            reference=_FRICTION,
+            nuisance_shape=1,
+        ),
+        Effect(
+            "stribeck_friction",
+            (
+                Parameter("coulomb", _NM, 0.0),
+                Parameter("stribeck", _NM, 0.0),
+                Parameter("stribeck_velocity", "rad/s", 0.0),
+            ),
+            axis_places,
+            _stribeck,
+            _stribeck_physical,
+            _grid(_one_width, lambda m, p: speed_scale(m, p) * np.array([0.08, 0.2, 0.5])),
+            _bounds(lambda m, p: (max(0.03 * speed_scale(m, p), 2.5 * sign_width(m, p)), 1.5 * speed_scale(m, p))),
+            (1, 1),
+            confounded=("hysteresis", "quadratic_drag"),
+            revealed_by="slow reversals",
+            inverse=lambda p: ([p["coulomb"], p["stribeck"]], [p["stribeck_velocity"]]),
+            reference=_FRICTION,
+            nuisance_shape=1,
+        ),
+        Effect(
+            "asymmetric_friction",
+            (Parameter("coulomb_positive", _NM, 0.0), Parameter("coulomb_negative", _NM, 0.0)),
+            axis_places,
+            _asymmetric,
+            _named("coulomb_positive", "coulomb_negative"),
+            _width_grid,
+            _width_bounds,
+            (1, 1),
+            confounded=("coulomb_friction", "torque_offset"),
+            revealed_by="nothing beside symmetric friction and a constant torque on that joint, which it equals",
+            reference=_FRICTION,
+            nuisance_shape=1,
+        ),
+        Effect(
+            "quadratic_drag",
+            (Parameter("coefficient", "N m s^2/rad^2", 0.0),),
+            joint_places,
+            _drag,
+            _named("coefficient"),
+            signs=(1,),
+            confounded=("viscous_friction",),
+            revealed_by="fast strokes",
+            reference=_FRICTION,
+        ),
+        Effect(
+            "load_dependent_friction",
+            (Parameter("coefficient", "m", 0.0),),
+            joint_places,
+            _load,
+            _named("coefficient"),
+            _width_grid,
+            _width_bounds,
+            (1,),
+            confounded=("coulomb_friction", "torque_dependent_friction"),
+            revealed_by="another pretension or payload",
+            reference="Hamon, Gautier, Garrec, IEEE/RSJ IROS 2010",
+            nuisance_shape=1,
+        ),
+        Effect(
+            "torque_dependent_friction",
+            (Parameter("coefficient", "1", 0.0),),
+            axis_places,
+            _torque,
+            _named("coefficient"),
+            _width_grid,
+            _width_bounds,
+            (1,),
+            confounded=("load_dependent_friction", "torque_gain_error"),
+            revealed_by="two payloads",
+            reference="Hamon, Gautier, Garrec, IEEE/RSJ IROS 2010",
+            nuisance_shape=1,
+        ),
+        Effect(
+            "position_dependent_friction",
+            (
+                Parameter("coulomb", _NM, 0.0),
+                Parameter("depth", "1"),
+                Parameter("cycles", "1/rad"),
+                Parameter("phase", _RAD),
+            ),
+            axis_places,
+            _by_position,
+            _position_physical,
+            _grid(_one_width, lambda m, p: np.array([1.5, 3.0, 4.5, 6.5, 9.0, 12.0]) / max(reach(m, p), 0.3)),
+            _bounds(lambda m, p: (1.0 / max(reach(m, p), 0.3), 16.0 / max(reach(m, p), 0.3))),
+            (1, 0, 0),
+            confounded=("torque_dependent_friction", "capstan_friction"),
+            revealed_by="slow strokes over the whole range, both ways",
+            inverse=_position_inverse,
+            reference=_FRICTION,
+            nuisance_shape=1,
+        ),
+        Effect(
+            "cable_friction",
+            (Parameter("coulomb", _NM, 0.0),),
+            guide_places,
+            _coulomb,
+            _named("coulomb"),
+            _width_grid,
+            _width_bounds,
+            (1,),
+            confounded=("coulomb_friction", "capstan_friction"),
+            revealed_by="moving the joints before and after that link one at a time",
+            reference=_FRICTION,
+            nuisance_shape=1,
+        ),
+        Effect(
+            "capstan_friction",
+            (Parameter("mu", "1", 0.0),),
+            capstan_places,
+            _capstan,
+            _named("mu"),
+            _width_grid,
+            _width_bounds,
+            (1,),
+            exact=False,
+            confounded=("coulomb_friction", "cable_friction"),
+            revealed_by="two pretensions",
+            reference="Euler-Eytelwein; to first order in mu",
+            nuisance_shape=1,
+        ),
+        Effect(
+            "hysteresis",
+            (Parameter("stiffness", "N m/rad", 0.0), Parameter("limit", _NM, 0.0), Parameter("form", "1")),
+            rub_places,
+            _hysteresis,
+            _hysteresis_physical,
+            _grid(lambda m, p: reach(m, p) * np.array([0.01, 0.03, 0.1, 0.3]), lambda m, p: (0.0, 0.75)),
+            lambda m, p: [(0.003 * reach(m, p), 1.0 * reach(m, p)), (0.0, 1.0)],
+            (1,),
+            confounded=("coulomb_friction", "backlash", "stribeck_friction"),
+            revealed_by="small nested reversals",
+            inverse=lambda p: ([p["limit"]], [p["limit"] / p["stiffness"], p.get("form", 0.0)]),
+            reference="Dahl 1968; Maxwell-slip: Lampaert, Swevers, Al-Bender 2002; memory in angle",
+            nuisance_shape=0,
+        ),
+        Effect(
+            "friction_drift",
+            (Parameter("friction", _NM, 0.0), Parameter("extra", "1"), Parameter("time_constant", "s", 0.0)),
+            axis_places,
+            _drift,
+            _drift_physical,
+            _grid(_one_width, lambda m, p: np.array([0.05, 0.15, 0.4, 1.0]) * m[0].time[-1]),
+            _bounds(lambda m, p: (0.02 * m[0].time[-1], 3.0 * m[0].time[-1])),
+            (1, 0),
+            confounded=("coulomb_friction",),
+            revealed_by="a cold start, repeated warm",
+            inverse=lambda p: ([p["friction"], p["friction"] * p["extra"]], [p["time_constant"]]),
+            reference=_FRICTION,
+            nuisance_shape=1,
+        ),
+        Effect(
+            "joint_spring",
+            (Parameter("stiffness", "N m/rad"), Parameter("rest", _RAD), Parameter("cubic", "N m/rad^3")),
+            joint_places,
+            _spring,
+            _spring_physical,
+            lambda m, p: [(0.0,), (1.0,)],
+            signs=(0, 0),
+            confounded=("base_tilt", "encoder_offset"),
+            revealed_by="slow strokes both ways over the whole range",
+            inverse=_spring_inverse,
+            reference="Wang et al., IEEE RA-L 4(4), 2019",
+        ),
+        Effect(
+            "cable_elasticity",
+            (Parameter("stiffness", "N m/rad", 0.0), Parameter("damping", "N m s/rad", 0.0)),
+            cable_places,
+            _elasticity,
+            _stiffness,
+            signs=(1, 0),
+            exact=False,
+            confounded=("time_delay", "rotor_inertia"),
+            revealed_by="encoders on both sides, or a chirp",
+            inverse=_elastic_inverse,
+            reference="Spong, J. Dyn. Syst. Meas. Control 109(4), 1987",
+        ),
+        Effect(
+            "backlash",
+            (Parameter("half_gap", _RAD, 0.0),),
+            cable_places,
+            _backlash,
+            _named("half_gap"),
+            signs=(1,),
+            exact=False,
+            confounded=("hysteresis", "cable_slack", "encoder_offset"),
+            revealed_by="small reversals under a bias load, encoders on both sides",
+            reference="Nordin, Gutman, Automatica 38(10), 2002",
+        ),
+        Effect(
+            "cable_slack",
+            (Parameter("torque", _NM, 0.0), Parameter("stiffness", "N m/rad", 0.0)),
+            cable_places,
+            _slack,
+            _slack_physical,
+            _load_grid,
+            _load_bounds,
+            (1,),
+            exact=False,
+            confounded=("backlash", "cable_elasticity"),
+            revealed_by="torque ramps, pretension steps",
+            inverse=lambda p: ([1 / p["stiffness"] if p.get("stiffness") else 0.0], [p["torque"]]),
+            reference="one strand carries where both did: stiffness halves",
+        ),
+        Effect(
+            "transmission_ratio_error",
+            (Parameter("relative_error", "1"),),
+            cable_joint_places,
+            _ratio,
+            _named("relative_error"),
+            exact=False,
+            confounded=("torque_gain_error", "cable_elasticity", "pulley_eccentricity"),
+            revealed_by="the full range, encoders on both sides",
+            reference=_MAP,
+        ),
+        Effect(
+            "transmission_coupling",
+            (
+                Parameter("ratio", "1"),
+                Parameter("inertia", "kg m^2", 0.0),
+                Parameter("viscous", "N m s/rad", 0.0),
+                Parameter("coulomb", _NM, 0.0),
+            ),
+            motor_joint_places,
+            _coupling,
+            _rotor_coupling,
+            _grid(_one_width, lambda m, p: (-0.6, -0.3, 0.3, 0.6)),
+            _bounds(lambda m, p: (-1.0, 1.0)),
+            (1, 1, 1),
+            confounded=("coulomb_friction",),
+            revealed_by="moving that joint alone",
+            inverse=lambda p: ([p.get("inertia", 0.0), p.get("viscous", 0.0), p.get("coulomb", 0.0)], [p["ratio"]]),
+            reference=_MAP,
+            nuisance_shape=1,
+        ),
+        Effect(
+            "pulley_eccentricity",
+            (Parameter("relative_eccentricity", "1", 0.0), Parameter("phase", _RAD)),
+            own_joint_places,
+            _eccentricity,
+            _sinusoid("relative_eccentricity"),
+            signs=(0, 0),
+            exact=False,
+            confounded=("transmission_ratio_error", "torque_ripple"),
+            revealed_by="the full range at two loads",
+            inverse=lambda p: (_wave(p, "relative_eccentricity"), []),
+            reference=_MAP,
+        ),
+        Effect(
+            "torque_ripple",
+            (Parameter("amplitude", _NM, 0.0), Parameter("cycles", "1/rad", 0.0), Parameter("phase", _RAD)),
+            all_motor_places,
+            _ripple,
+            _sinusoid("amplitude"),
+            _ripple_grid,
+            lambda m, p: [(1.0, 80.0)],
+            signs=(0, 0),
+            confounded=("pulley_eccentricity", "joint_spring"),
+            revealed_by="slow constant speed",
+            inverse=lambda p: (_wave(p, "amplitude"), [p["cycles"]]),
+            reach=0.034,
+            reference="Holtz, Springob, IEEE Trans. Ind. Electron. 43(2), 1996",
+        ),
+        Effect(
+            "rotor_inertia",
+            (Parameter("inertia", "kg m^2", 0.0),),
+            all_motor_places,
+            _rotor,
+            _named("inertia"),
+            signs=(1,),
+            confounded=("payload",),
+            revealed_by="nothing on an arm whose motors turn with the links' absolute angles",
+            reference="Yan et al., eq. (42)",
+        ),
+        Effect(
+            "torque_gain_error",
+            (Parameter("gain", "1"),),
+            all_motor_places,
+            _gain,
+            lambda beta, shape: {"gain": 1.0 + float(beta[0])},
+            exact=False,
+            confounded=("payload", "torque_dependent_friction"),
+            revealed_by="a known mass",
+            inverse=lambda p: ([p["gain"] - 1.0], []),
+            reference="Gautier, Briot, J. Dyn. Syst. Meas. Control 136(5), 2014",
+        ),
+        Effect(
+            "torque_offset",
+            (Parameter("offset", _NM),),
+            all_motor_places,
+            _offset,
+            _named("offset"),
+            confounded=("asymmetric_friction", "joint_spring"),
+            revealed_by="standstill, approached from both sides",
+            reference="Swevers et al., IEEE Trans. Robot. Autom. 13(5), 1997",
+        ),
+        Effect(
+            "encoder_offset",
+            (Parameter("offset", _RAD),),
+            joint_places,
+            _encoder,
+            _named("offset"),
+            exact=False,
+            confounded=("base_tilt", "payload"),
+            revealed_by="encoders on both sides, or a spirit level",
+            reference="kinematic calibration",
+        ),
+        Effect(
+            "base_tilt",
+            (Parameter("angle", _RAD), Parameter("angle_2", _RAD)),
+            base_places,
+            _tilt,
+            _named("angle", "angle_2"),
+            signs=(0, 0),
+            exact=False,
+            confounded=("encoder_offset", "joint_spring"),
+            revealed_by="a spirit level",
+            reference="gravity turned in the base frame",
+        ),
+        Effect(
+            "time_delay",
+            (Parameter("delay", "s", 0.0),),
+            delay_places,
+            _delay,
+            _named("delay"),
+            lambda m, p: [(0.012,)],
+            lambda m, p: [(1e-3, 0.15)],
+            (1,),
+            confounded=("viscous_friction", "cable_elasticity"),
+            revealed_by="two speeds",
+            reference="tau(t - d) = tau + d (tau(t - d) - tau) / d",
+            inverse=lambda p: ([p["delay"]], [p["delay"]]),
+        ),
+        Effect(
+            "external_torque",
+            (Parameter("torque", _NM), Parameter("start", "s"), Parameter("end", "s")),
+            joint_places,
+            _external,
+            lambda beta, shape: {
+                "torque": float(beta[0]),
+                "start": shape[0],
+                "end": shape[1],
+                "recording": shape[2] + 1,
+            },
+            _windows,
+            lambda m, p: [(0.0, float(max(x.time[-1] for x in m)))] * 2,
+            confounded=("torque_offset",),
+            revealed_by="a repeat of the same trajectory",
+            inverse=lambda p: ([p["torque"]], [p["start"], p["end"], p.get("recording", 1.0) - 1]),
+            reach=0.05,
+            reference="Haddadin, De Luca, Albu-Schaeffer, IEEE Trans. Robot. 33(6), 2017",
+        ),
+    )
+}
+"""Every effect by name."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect at a place with given nonlinear parameters."""
+
+    effect: Effect
+    place: Place
+    shape: Shape = ()
+
+    @cached_property
+    def key(self) -> tuple[str, str]:
+        """Effect and place, whatever the shape."""
+        return self.effect.name, str(sorted(self.place.location.items()))
+
+    def columns(self, motion: Motion) -> Columns:
+        """Columns on one motion."""
+        return self.effect.columns(motion, self.place, self.shape)
+
+    @property
+    def named(self) -> bool:
+        """Whether it is an effect of the catalogue, not an unnamed correction."""
+        return self.effect.name in CATALOGUE
+
+    @property
+    def extra(self) -> int:
+        """Number of nonlinear parameters that count as physics."""
+        return min(len(self.shape), 2 + self.effect.nuisance_shape) - self.effect.nuisance_shape

@@ -1,0 +1,334 @@
+"""The search: add the effect that the data ask for most, look again at all, stop when nothing is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .effects import Candidate
+from .selection import Bank, Fit, ProgressCallback, Score, Search, all_candidates, family_wise, tones
+
+
+@dataclass(frozen=True)
+class Found:
+    """An effect in the model, with what was compared with it.
+
+    Attributes
+    ----------
+    candidate : Candidate
+    score : Score
+        Given all the others.
+    gain : float
+        Penalised log-likelihood (half of BIC's difference).
+    log_p : float
+        Natural log of the family-wise p-value.
+    rivals : tuple of (Candidate, float)
+        Others in its place, with their penalised log-likelihood less this one's; best first.
+    """
+
+    candidate: Candidate
+    score: Score
+    gain: float
+    log_p: float
+    rivals: tuple[tuple[Candidate, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """The set of effects that the search arrived at.
+
+    Attributes
+    ----------
+    found : tuple of Found
+    fit : Fit
+    rigid : Fit
+        Without any effect, in the same noise.
+    bank : Bank
+        All candidates that were screened.
+    scores : list of Score
+        Of all candidates given the found ones.
+    """
+
+    found: tuple[Found, ...]
+    fit: Fit
+    rigid: Fit
+    bank: Bank
+    scores: list[Score]
+
+    @property
+    def worth(self) -> float:
+        """Fall of the whitened sum of squares by all effects together."""
+        return self.rigid.deviance - self.fit.deviance
+
+
+def explain(search: Search, progress: ProgressCallback | None = None) -> Explanation:
+    """Find the effects that the rigid body leaves out.
+
+    Two estimates of the noise are used: significance is judged in the residual of the model as it stands, in which
+    whatever is still missing counts as noise (exact when nothing is missing, cautious otherwise); rivals are compared
+    in the residual that common effects have been taken out of as well.
+
+    Parameters
+    ----------
+    search : Search
+    progress : callable, optional
+        Called with the name of the step and the fraction done.
+
+    Returns
+    -------
+    Explanation
+    """
+    say = progress or (lambda step, fraction: None)
+    say("columns of every effect", 0.0)
+    bank = search.bank([*all_candidates(search.problem), *tones(search)])
+    accepted: list[Candidate] = []
+    for turn in range(3):
+        say("searching", 0.1 + 0.25 * turn)
+        grown = _grow(search, bank, accepted)
+        accepted = patch(search, bank, grown) or grown
+        if len(grown) < search.settings.at_once and accepted is grown:
+            break
+    say("rivals", 0.9)
+    return explained(search, bank, prune(search, accepted))
+
+
+def explained(search: Search, bank: Bank, accepted: list[Candidate]) -> Explanation:
+    """Fit a set of effects and set each against its rivals."""
+    fit = search.fit(accepted)
+    rigid = search.fit([], fit.whitener)
+    found = tuple(_compare(search, bank, accepted, j) for j in range(len(accepted)))
+    return Explanation(found, fit, rigid, bank, search.score_all(fit, bank))
+
+
+def _grow(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candidate]:
+    """Add effects of the catalogue, one by one, as long as the data ask for any, a few at once."""
+    for _ in range(search.settings.at_once):
+        if len(accepted) >= search.settings.most:
+            break
+        fit = search.fit(accepted)
+        rigid = search.fit([], fit.whitener)
+        clear = search.fit(accepted, search.clear(accepted))
+        explained = search.fit([], clear.whitener).deviance - clear.deviance
+        if not _asked(search, fit, bank, rigid.deviance - fit.deviance, accepted) and not _shouted(
+            search, clear, bank, explained, accepted
+        ):
+            break
+        winner = _winner(search, clear, [c for c, _, _ in _leaders(search, clear, bank, 12, accepted)])
+        if winner is None:
+            break
+        accepted = polish(search, bank, [*accepted, winner[0]])
+    return accepted
+
+
+def patch(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candidate] | None:
+    """Put a correction without a name where the catalogue falls short; None where it does not.
+
+    It may be added to what was found, or take the place of all effects that sit at one place: of one or two if it
+    explains clearly more, of three and more already if it explains as much.
+    """
+    s = search.settings
+    fit = search.fit(accepted)
+    clear = search.fit(accepted, search.clear(accepted))
+    for f in (fit, clear):
+        total = search.fit([], f.whitener).deviance - f.deviance
+        for candidate, score, weight in _leaders(search, f, bank, 3, accepted, named=False):
+            heard = f is fit or _is_loud(score)
+            if heard and gain(search, f, candidate, score) > 0 and _passes(search, candidate, score, weight, total):
+                rest = [c for c in accepted if not _meets(c, candidate)]
+                kept = _worth(search, clear, accepted, rest, candidate)
+                return [*(accepted if kept else rest), candidate]
+    for place in {(c.place.A, c.place.B): c for c in accepted if c.named and c.place.A}.values():
+        rest = [c for c in accepted if not _meets(c, place)]
+        without = search.fit(rest, clear.whitener)
+        taken = len(accepted) - len(rest)
+        statistic = without.deviance - clear.deviance
+        k = sum(len(search.columns(c)[0]) + c.extra for c in accepted if _meets(c, place))
+        old = 0.5 * statistic - 0.5 * np.log(clear.n_rows) * k
+        for candidate, score, _ in _leaders(search, without, bank, 2, rest, named=False):
+            margin = 0.5 * s.patch_law_error**2 * statistic * (1 if taken < 3 else -1)
+            if _is_loud(score) and gain(search, without, candidate, score) > old + margin:
+                return [*rest, candidate]
+    return None
+
+
+def _meets(a: Candidate, b: Candidate) -> bool:
+    """Whether two candidates act along coordinates that share a joint or a motor."""
+    x, y = (np.abs(np.array(c.place.A + c.place.B)) for c in (a, b))
+    return bool(len(x) and len(y) and x @ y > 1e-9)
+
+
+def _worth(search: Search, clear: Fit, accepted: list[Candidate], rest: list[Candidate], patch: Candidate) -> bool:
+    """Whether the named effects beside a patch explain what the patch alone does not."""
+    both = search.fit([*accepted, patch], clear.whitener).deviance
+    alone = search.fit([*rest, patch], clear.whitener).deviance
+    whole = search.fit(rest, clear.whitener).deviance
+    return alone - both > 0.05 * (whole - both)
+
+
+def gain(search: Search, fit: Fit, candidate: Candidate, score: Score) -> float:
+    """Give the log-likelihood gained less half of BIC's penalty."""
+    return 0.5 * score.statistic - 0.5 * np.log(fit.n_rows) * (score.k + candidate.extra)
+
+
+def _passes(search: Search, candidate: Candidate, score: Score, weight: float, explained: float) -> bool:
+    s = search.settings
+    error = s.model_error if candidate.named else s.patch_error
+    return (
+        score.visible > s.visible
+        and family_wise(score, candidate, weight) < np.log(s.alarm)
+        and score.statistic > error**2 * explained
+    )
+
+
+def _leaders(
+    search: Search, fit: Fit, bank: Bank, most: int, taken: Sequence[Candidate] = (), named: bool | None = True
+):
+    """Best shape of each effect and place, the likeliest first: (candidate, score, weight)."""
+    best: dict[tuple[str, str], tuple[float, int, Score]] = {}
+    for i, (candidate, score) in enumerate(zip(bank.candidates, search.score_all(fit, bank), strict=True)):
+        if named is not None and candidate.named != named:
+            continue
+        if score.visible < search.settings.visible or any(candidate.key == other.key for other in taken):
+            continue
+        value = gain(search, fit, candidate, score)
+        if np.isfinite(value) and (candidate.key not in best or value > best[candidate.key][0]):
+            best[candidate.key] = (value, i, score)
+    order = sorted(best.values(), key=lambda item: -item[0])[:most]
+    return [(bank.candidates[i], score, bank.weight[i]) for _, i, score in order]
+
+
+def _asked(search: Search, fit: Fit, bank: Bank, explained: float, taken: Sequence[Candidate]) -> bool:
+    """Whether the data ask for any further effect."""
+    return any(_passes(search, *leader, explained) for leader in _leaders(search, fit, bank, 40, taken))
+
+
+def _shouted(search: Search, clear: Fit, bank: Bank, explained: float, taken: Sequence[Candidate]) -> bool:
+    """Whether an effect stands out so far once common effects are taken out that no care about the noise is needed.
+
+    A strong slow effect can pass for slow noise; its statistic in the clear noise is then many times the threshold.
+    """
+    loud = [x for x in _leaders(search, clear, bank, 10, taken) if _is_loud(x[1])]
+    return any(_passes(search, *leader, explained) for leader in loud)
+
+
+def _is_loud(score: Score) -> bool:
+    return score.statistic > 120.0 + 25.0 * score.k
+
+
+def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
+    """Pick the best of some candidates, shapes estimated: the simplest of those that the laws' accuracy cannot tell.
+
+    The width of the smooth sign is estimated once, for the leader; rivals at the same place start from it.
+    """
+    if not candidates:
+        return None
+    first = search.refine(fit, candidates[0])
+    pool = [first]
+    rest = [_same_width(c, first[0]) for c in candidates[1:]]
+    scored = [(gain(search, fit, c, s), n, c, s) for n, c in enumerate(rest) for s in [search.score(fit, c)]]
+    best = gain(search, fit, *first)
+    for n, (value, _, c, s) in enumerate(sorted(scored, key=lambda item: -item[0])):
+        fine = c.effect.reach < 0.1  # its grid is coarse beside its peak
+        if (n < 4 and value > best - max(40.0, 0.15 * abs(best))) or (fine and value > 0.3 * best):
+            pool.append(search.refine(fit, c) if c.shape else (c, s))
+    pool = [(c, s) for c, s in pool if gain(search, fit, c, s) > 0]
+    if not pool:
+        return None
+    top = max(pool, key=lambda item: gain(search, fit, *item))
+    error = search.settings.law_error if top[0].named else search.settings.patch_law_error
+    slack = 0.5 * error**2 * top[1].statistic
+    near = [item for item in pool if gain(search, fit, *item) >= gain(search, fit, *top) - slack]
+    return min(near, key=lambda item: (item[1].k + item[0].extra, -gain(search, fit, *item)))
+
+
+def _same_width(candidate: Candidate, other: Candidate) -> Candidate:
+    same = candidate.place.A == other.place.A and candidate.place.B == other.place.B
+    if same and candidate.effect.nuisance_shape == 1 == other.effect.nuisance_shape:
+        return replace(candidate, shape=(other.shape[0], *candidate.shape[1:]))
+    return candidate
+
+
+def polish(search: Search, bank: Bank, accepted: list[Candidate], rounds: int = 2) -> list[Candidate]:
+    """Look again at each effect given the others: let a better one take its place, or one take the place of two."""
+    for _ in range(rounds):
+        before = {c.key for c in accepted}
+        for j in range(len(accepted)):
+            if not accepted[j].named:
+                continue
+            others = [c for i, c in enumerate(accepted) if i != j]
+            fit = search.fit(others, search.clear(accepted))
+            leaders = [c for c, _, _ in _leaders(search, fit, bank, 6, others) if c.key != accepted[j].key]
+            trial = _winner(search, fit, [accepted[j], *leaders])
+            if trial is not None:
+                accepted = [*others[:j], trial[0], *others[j:]]
+        accepted = _merge(search, bank, accepted)
+        if {c.key for c in accepted} == before:
+            break
+    return accepted
+
+
+def _merge(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candidate]:
+    """Replace two effects by one where one explains as much."""
+    for i in range(len(accepted)):
+        for j in range(i + 1, len(accepted)):
+            if not (accepted[i].named and accepted[j].named):
+                continue
+            whitener = search.clear(accepted)
+            others = [c for k, c in enumerate(accepted) if k not in (i, j)]
+            without = search.fit(others, whitener)
+            pair = without.deviance - search.fit(accepted, whitener).deviance
+            k = sum(search.score(without, c).k + c.extra for c in (accepted[i], accepted[j]))
+            both = 0.5 * pair - 0.5 * np.log(without.n_rows) * k
+            single = _winner(search, without, [c for c, _, _ in _leaders(search, without, bank, 4, others)])
+            slack = 0.5 * search.settings.law_error**2 * pair
+            if single is not None and gain(search, without, *single) >= both - slack:
+                return [*others, single[0]]
+    return accepted
+
+
+def prune(search: Search, accepted: list[Candidate]) -> list[Candidate]:
+    """Drop effects that the others make superfluous."""
+    while accepted:
+        fit = search.fit(accepted)
+        explained = search.fit([], fit.whitener).deviance - fit.deviance
+        weakest, worst = -1, np.inf
+        for j, candidate in enumerate(accepted):
+            others = search.fit([c for i, c in enumerate(accepted) if i != j], fit.whitener)
+            score = search.score(others, candidate)
+            quiet = not _passes(search, candidate, score, 0.01, explained)
+            if _backwards(search, fit, j):
+                score = replace(score, statistic=-np.inf)
+            if score.statistic < worst and ((quiet and not _is_loud(score)) or score.statistic < 0.0):
+                weakest, worst = j, score.statistic
+        if weakest < 0:
+            return accepted
+        accepted = [c for i, c in enumerate(accepted) if i != weakest]
+    return accepted
+
+
+def _backwards(search: Search, fit: Fit, j: int) -> bool:
+    """Whether a coefficient of effect `j` that cannot be negative is, by more than three standard errors."""
+    start = len(search.base.columns) + sum(len(beta) for beta in fit.beta[:j])
+    std = np.sqrt(np.maximum(np.diag(fit.covariance)[start : start + len(fit.beta[j])], 0.0))
+    signs = fit.effects[j].effect.signs
+    return any(s and b < -3 * e for s, b, e in zip(signs, fit.beta[j], std, strict=False))
+
+
+def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> Found:
+    """Set an accepted effect against everything that could stand in its place."""
+    candidate = accepted[j]
+    others = [c for i, c in enumerate(accepted) if i != j]
+    without = search.fit(others, search.fit(accepted).whitener)
+    score = search.score(without, candidate)
+    own = gain(search, without, candidate, score)
+    rivals = []
+    for leader, _, _ in _leaders(search, without, bank, 12, [*others, candidate], named=None):
+        leader = _same_width(leader, candidate)
+        s = search.score(without, leader)
+        if gain(search, without, leader, s) > own - max(30.0, 0.1 * abs(own)):
+            refined, s = search.refine(without, leader)
+            rivals.append((refined, gain(search, without, refined, s) - own))
+    rivals.sort(key=lambda item: -item[1])
+    return Found(candidate, score, own, family_wise(score, candidate, 0.01), tuple(rivals))

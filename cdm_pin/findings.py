@@ -1,0 +1,256 @@
+"""From a search's result to findings: parameters with intervals, rivals, identities, hold-out, sensitivities."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+from .effects import CATALOGUE, Candidate
+from .explain import Explanation, Found
+from .geometry import Vector
+from .selection import Fit, Score, Search
+from .whitening import log_p
+
+Location = dict[str, Any]
+
+
+def location(candidate: Candidate) -> Location:
+    """Give the location of a candidate in the words of the diagnosis format."""
+    return dict(candidate.place.location)
+
+
+def shape_slopes(search: Search, candidate: Candidate, beta: Vector) -> list[list[Vector]]:
+    """Differentiate X(shape) beta by each element of the shape: columns in the band, one list of runs per element."""
+    slopes = []
+    free = len(candidate.effect.bounds(search.problem.motions, candidate.place))
+    for i, value in enumerate(candidate.shape[:free]):
+        h = 1e-2 * abs(value) or 1e-3
+        sides = []
+        for step in (h, -h):
+            shape = (*candidate.shape[:i], value + step, *candidate.shape[i + 1 :])
+            columns = search.problem.reduce(replace(candidate, shape=shape).columns)
+            sides.append([np.tensordot(beta, c, 1) for c in columns])
+        slopes.append([(a - b)[None] / (2 * h) for a, b in zip(*sides, strict=True)])
+    return slopes
+
+
+def joint_covariance(search: Search, fit: Fit) -> tuple[Vector, list[slice], list[slice]]:
+    """Covariance of base parameters, coefficients and shapes together (Gauss-Newton).
+
+    Returns
+    -------
+    covariance : ndarray
+    beta, shape : list of slice
+        Where each effect's coefficients and shape stand.
+    """
+    own = [search.columns(c) for c in fit.effects]
+    slopes = [shape_slopes(search, c, b) for c, b in zip(fit.effects, fit.beta, strict=True)]
+    banks = []
+    for r in range(len(search.rigid)):
+        parts = [search.rigid[r]]
+        for columns, slope in zip(own, slopes, strict=True):
+            parts += [columns[r], *[s[r] for s in slope]]
+        banks.append(np.concatenate(parts))
+    W = search.white(fit.whitener, banks)
+    scale = np.linalg.norm(W, axis=1)
+    scale[scale == 0] = np.inf
+    information = (W / scale[:, None]) @ (W / scale[:, None]).T
+    covariance = np.linalg.pinv(information, rcond=1e-9, hermitian=True) / scale[:, None] / scale
+    start, betas, shapes = len(search.base.columns), [], []
+    for slope, b in zip(slopes, fit.beta, strict=True):
+        betas.append(slice(start, start + len(b)))
+        shapes.append(slice(start + len(b), start + len(b) + len(slope)))
+        start += len(b) + len(slope)
+    return covariance, betas, shapes
+
+
+def parameters(candidate: Candidate, beta: Vector, covariance: Vector) -> dict[str, dict[str, Any]]:
+    """Physical parameters with standard errors (delta method).
+
+    Parameters
+    ----------
+    candidate : Candidate
+    beta : ndarray, shape (k,)
+    covariance : ndarray, shape (k + m, k + m)
+        Of coefficients and the first m elements of the shape; the others are given.
+    """
+    x = np.concatenate([beta, candidate.shape])
+    k, m = len(beta), len(covariance)
+
+    def physical(x: Vector) -> dict[str, float]:
+        return candidate.effect.physical(x[:k], tuple(x[k:]))
+
+    values = physical(x)
+    slopes = {name: np.zeros(m) for name in values}
+    for i in range(m):
+        h = 1e-5 * max(abs(x[i]), np.sqrt(max(covariance[i, i], 0.0)), 1e-9)
+        up, down = x.copy(), x.copy()
+        up[i] += h
+        down[i] -= h
+        high, low = physical(up), physical(down)
+        for name in values:
+            difference = high[name] - low[name]
+            if name == "phase":
+                difference = (difference + np.pi) % (2 * np.pi) - np.pi
+            slopes[name][i] = difference / (2 * h)
+    units = {p.name: p.unit for p in candidate.effect.parameters}
+    out = {}
+    for name, value in values.items():
+        g = np.nan_to_num(slopes[name])
+        std = float(np.sqrt(max(g @ covariance @ g, 0.0)))
+        out[name] = {"value": float(value), "std": std, "unit": units.get(name, "1")}
+    return out
+
+
+def canonical_correlation(search: Search, without: Fit, a: Candidate, b: Candidate) -> float:
+    """Smallest canonical correlation of two effects, as far as a fit leaves them over (0 if their sizes differ)."""
+    bases = []
+    for candidate in (a, b):
+        W = search.white(without.whitener, search.columns(candidate))
+        perp = (W - (W @ without.Q) @ without.Q.T).T
+        norms = np.linalg.norm(perp, axis=0)
+        if not norms.any():
+            return 0.0
+        U, s, _ = np.linalg.svd(perp / np.where(norms > 0, norms, 1.0), full_matrices=False)
+        bases.append(U[:, s > 1e-4 * s[0]])
+    if bases[0].shape[1] != bases[1].shape[1]:
+        return 0.0
+    return float(np.linalg.svd(bases[0].T @ bases[1], compute_uv=False)[-1])
+
+
+def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[dict[str, Any]]:
+    """List what the data cannot tell from finding `j`: at most three others, the likeliest first."""
+    found = explanation.found[j]
+    settings = search.settings
+    others = [f.candidate for i, f in enumerate(explanation.found) if i != j]
+    without = search.fit(others, explanation.fit.whitener)
+    out: list[dict[str, Any]] = []
+
+    def add(effect: str, place: Location) -> None:
+        entry = {"effect": effect, "location": dict(place)}
+        if len(out) < 3 and entry not in out:
+            out.append(entry)
+
+    slack = 0.5 * settings.law_error**2 * found.score.statistic
+    for rival, difference in found.rivals:
+        if not rival.named or _size(search, rival) > _size(search, found.candidate):
+            continue  # a refinement that the data do not ask for is no rival
+        if difference > -max(settings.close, slack):
+            add(rival.effect.name, rival.place.location)
+        elif difference > -0.1 * found.gain - 30 and (
+            canonical_correlation(search, without, found.candidate, rival) > settings.same
+        ):
+            add(rival.effect.name, rival.place.location)
+    effect = found.candidate.effect
+    kinds = {place.location["kind"] for place in effect.places(search.problem.model)}
+    for alias in found.candidate.place.aliases:
+        if alias["kind"] == "cable" and effect.name == "coulomb_friction":
+            add("cable_friction", alias)
+        elif alias["kind"] in kinds - {"cable"}:
+            add(effect.name, alias)
+    return out
+
+
+def _size(search: Search, candidate: Candidate) -> int:
+    return candidate.extra + search.columns(candidate)[0].shape[0]
+
+
+@lru_cache(maxsize=4096)
+def threshold(alarm: float, weight: float, k: int) -> float:
+    """Chi-squared statistic that a candidate must exceed at a family-wise alarm probability."""
+    target = np.log(alarm) + np.log(weight) + (np.log(2.0) if k == 1 else 0.0)
+    root = brentq(lambda x: log_p(x, k) - target, 1e-6, 500.0)
+    return float(np.asarray(root))
+
+
+def sensitivities(search: Search, explanation: Explanation) -> list[dict[str, Any]]:
+    """For every effect and place, the smallest amplitude that these data would have shown.
+
+    90 % power at the family-wise alarm probability of the search; `visible_fraction` is the share of the effect that
+    the rigid body and the findings leave over, `absorbed_by` the parameters that take the rest where it is small.
+    """
+    rows: dict[tuple[str, str], dict[str, Any]] = {}
+    names = search.base.names
+    bank = explanation.bank
+    accepted = {f.candidate.key for f in explanation.found}
+    for candidate, score, part, weight in zip(
+        bank.candidates, explanation.scores, bank.slices, bank.weight, strict=True
+    ):
+        if not candidate.named or candidate.key in accepted:
+            continue
+        k = max(score.k, 1)
+        z = np.sqrt(threshold(search.settings.alarm, weight, k)) + 1.2816
+        beta = z / score.norm if score.norm > 0 else np.inf
+        visible = score.visible if np.isfinite(score.visible) else 0.0
+        row = {
+            "effect": candidate.effect.name,
+            "location": location(candidate),
+            "amplitude": _amplitude(candidate, beta) if visible > search.settings.visible else None,
+            "parameter": candidate.effect.parameters[0].name,
+            "unit": candidate.effect.parameters[0].unit,
+            "visible_fraction": round(float(visible), 4),
+            "absorbed_by": [],
+        }
+        if visible <= 0.3 and candidate.key not in rows:
+            columns = [c[part][:1] for c in bank.columns]
+            row["absorbed_by"] = _absorbing(search, explanation.fit, columns, names)
+        old = rows.get(candidate.key)
+        if old is None or (row["amplitude"] or np.inf) < (old["amplitude"] or np.inf):
+            rows[candidate.key] = row | {"absorbed_by": row["absorbed_by"] or (old or row)["absorbed_by"]}
+    return list(rows.values())
+
+
+def _amplitude(candidate: Candidate, beta: float) -> float | None:
+    if not np.isfinite(beta):
+        return None
+    if candidate.effect.name == "cable_elasticity":
+        return 1.0 / beta
+    if candidate.effect.name == "cable_slack":
+        return candidate.shape[0]
+    return float(beta)
+
+
+def _absorbing(search: Search, fit: Fit, columns: Sequence[Vector], names: Sequence[Any]) -> list[str]:
+    W = search.white(fit.whitener, [np.concatenate([r, c]) for r, c in zip(search.rigid, columns, strict=True)])
+    A, b = W[:-1].T, W[-1]
+    scale = np.linalg.norm(A, axis=0)
+    scale[scale == 0] = 1.0
+    share = np.abs(np.linalg.lstsq(A / scale, b, rcond=1e-8)[0]) / (np.linalg.norm(b) or 1.0)
+    return [names[i] for i in np.argsort(-share)[:2] if share[i] > 0.2]
+
+
+def refit_gain(found: Found) -> float:
+    """Difference of BIC in favour of a finding."""
+    return 2 * found.gain
+
+
+def absorbed(search: Search, explanation: Explanation, least: float = 0.02) -> list[dict[str, Any]]:
+    """List the effects that the rigid body takes up (almost) whole, with the base parameters that take them up."""
+    out, seen = [], set()
+    for candidate, score, part in zip(
+        explanation.bank.candidates, explanation.scores, explanation.bank.slices, strict=True
+    ):
+        if not candidate.named or candidate.key in seen or not 0.0 < score.visible < least:
+            continue
+        seen.add(candidate.key)
+        columns = [c[part][:1] for c in explanation.bank.columns]
+        names = _absorbing(search, explanation.fit, columns, search.base.names)
+        out.append({"effect": candidate.effect.name, "location": location(candidate), "parameters": names})
+    return out
+
+
+def is_sure(found: Found, score: Score, patches: Sequence[Found]) -> bool:
+    """Whether a finding stands on its own beside corrections without a name: elsewhere, and not small beside them."""
+    own = np.abs(np.array(found.candidate.place.A + found.candidate.place.B))
+    for patch in patches:
+        other = np.abs(np.array(patch.candidate.place.A + patch.candidate.place.B))
+        if not len(own) or not len(other) or own @ other > 1e-9:
+            return False
+        if score.statistic < 0.2 * patch.score.statistic:
+            return False
+    return found.candidate.effect.name in CATALOGUE

@@ -1,0 +1,106 @@
+"""From a diagnosis to what its report draws."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .diagnose import Diagnosis, _errors
+from .explain import Explanation, Found
+from .report_evidence import Evidence, LawCurve, Rival, RunEvidence
+from .selection import Fit, Search
+
+
+def gather(diagnosis: Diagnosis) -> Evidence:
+    """Collect the arrays behind a diagnosis; empty where the data were insufficient."""
+    explanation, search = diagnosis.explanation, diagnosis.search
+    if explanation is None or search is None:
+        return Evidence()
+    rigid = search.fit([])
+    runs = _runs(search, rigid, explanation.fit, False)
+    if diagnosis.holdout is not None:
+        runs += _runs(diagnosis.holdout, rigid, explanation.fit, True)
+    named = _listed(diagnosis, explanation)
+    patches = [f for f in explanation.found if not f.candidate.named]
+    return Evidence(
+        runs=tuple(runs),
+        noise_floor=np.array(diagnosis.content["fit"]["train"]["noise_floor"]),
+        laws=tuple(_law(search, explanation, f) if f else None for f in named),
+        rivals=tuple(_rivals(f) if f else () for f in named),
+        unexplained=_law(search, explanation, patches[0]) if patches else None,
+        notices=tuple(notice for run in search.problem.runs for notice in run.signals.notices),
+    )
+
+
+def _listed(diagnosis: Diagnosis, explanation: Explanation) -> list[Found | None]:
+    by_key = {(f.candidate.effect.name, str(f.candidate.place.location)): f for f in explanation.found}
+    keys = [(item["effect"], str(item["location"])) for item in diagnosis.content["findings"]]
+    return [by_key.get(key) for key in keys]
+
+
+def _runs(search: Search, rigid: Fit, fit: Fit, holdout: bool) -> list[RunEvidence]:
+    problem = search.problem
+    m, step = problem.model.n_motors, problem.band.step
+    before = _errors(search, rigid.base, (), ())
+    after = _errors(search, fit.base, fit.effects, fit.beta)
+    out = []
+    for r, run in enumerate(problem.runs):
+        data = problem.data[r][0][:m]
+        n = data.shape[1]
+        valid = np.zeros(n, bool)
+        for start, stop in problem.segments[r]:
+            valid[start:stop] = True
+        out.append(
+            RunEvidence(
+                label=run.name,
+                time=run.motion.time[::step][:n],
+                measured=data.T,
+                rigid=(data - before[r][:m]).T,
+                augmented=(data - after[r][:m]).T,
+                q=run.motion.q[::step][:n],
+                v=run.motion.v[::step][:n],
+                valid=valid,
+                holdout=holdout,
+                unit="N m" if problem.torque else "rad",
+            )
+        )
+    return out
+
+
+def _law(search: Search, explanation: Explanation, found: Found) -> LawCurve | None:
+    """Draw a law along its own coordinate: torque of the law, and what is left to it when all else is taken away."""
+    candidate, fit = found.candidate, explanation.fit
+    if not candidate.place.A or not search.problem.torque:
+        return None
+    j = next(i for i, f in enumerate(explanation.found) if f is found)
+    w = candidate.place.weights(search.problem.model)
+    run = search.problem.runs[0]
+    m, step = len(w), search.problem.band.step
+    law = np.tensordot(fit.beta[j], search.columns(candidate)[0], 1)[:m]
+    rest = law + _errors(search, fit.base, fit.effects, fit.beta)[0][:m]
+    share = w / (w @ w)
+    n = law.shape[1]
+    by_position = any(word in candidate.effect.name for word in ("spring", "position", "ripple", "hysteresis"))
+    motion = run.motion
+    x = candidate.place.along(motion.q, motion.q_m) if by_position else candidate.place.along(motion.v, motion.v_m)
+    start, stop = search.problem.segments[0][0]
+    keep = slice(start, stop)
+    return LawCurve(
+        x=x[::step][:n][keep],
+        x_label="position [rad]" if by_position else "speed [rad/s]",
+        y_points=(share @ rest)[keep],
+        y_fit=(share @ law)[keep],
+        loop=candidate.effect.name == "hysteresis",
+    )
+
+
+def _rivals(found: Found) -> tuple[Rival, ...]:
+    return tuple(
+        Rival(
+            rival.effect.name,
+            rival.place.location,
+            2 * (found.gain + difference),
+            "as good" if difference > -3 else "explains less",
+        )
+        for rival, difference in found.rivals[:5]
+        if rival.named
+    )

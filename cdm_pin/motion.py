@@ -1,0 +1,126 @@
+"""What an effect may look at: one recorded motion, with the torques that the rigid body asks for on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from .cables import hinge_reaction
+from .dynamics import inverse_dynamics, joint_wrenches
+from .geometry import Vector
+from .model import CableModel
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One motion on a uniform grid, joints in the order of the rows of E.
+
+    Attributes
+    ----------
+    model : CableModel
+        Its inertial parameters are the current estimate.
+    time : ndarray, shape (n,)
+        Since the start of the recording [s].
+    q, v, a : ndarray, shape (n, n_joints)
+        Joint motion; it drives the rigid body [rad or m, s].
+    q_m, v_m, a_m : ndarray, shape (n, n_motors)
+        Motor motion; it drives rotors and motor friction.
+    joints_measured, motors_measured : bool
+        Which side was logged; the other one follows from E.
+    velocity_noise : ndarray, shape (n_motors,)
+        Standard deviation of `v_m` [rad/s].
+    pretension : float or None
+        Of this recording [N].
+    index : int
+        Which recording it is.
+    """
+
+    model: CableModel
+    time: Vector
+    q: Vector
+    v: Vector
+    a: Vector
+    q_m: Vector
+    v_m: Vector
+    a_m: Vector
+    joints_measured: bool
+    motors_measured: bool
+    velocity_noise: Vector
+    pretension: float | None = None
+    index: int = 0
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return len(self.time)
+
+    @property
+    def rate(self) -> float:
+        """Samples per second."""
+        return float((self.n - 1) / (self.time[-1] - self.time[0]))
+
+    @cached_property
+    def tau(self) -> Vector:
+        """Rigid-body joint torques, shape (n, n_joints) [N m]."""
+        return inverse_dynamics(self.model, self.q, self.v, self.a)
+
+    @cached_property
+    def tau_m(self) -> Vector:
+        """Rigid-body torques at the motors, E' tau, shape (n, n_motors) [N m]."""
+        return self.tau @ self.model.joint_from_motor
+
+    @cached_property
+    def hinge_force(self) -> Vector:
+        """Magnitude of the force that each hinge carries, shape (n, n_joints) [N]."""
+        if self.model.planar and self.model.manipulator.pulleys is not None:
+            return np.linalg.norm(hinge_reaction(self.model, self.q, self.v, self.a, self.pretension), axis=-1)
+        return np.linalg.norm(joint_wrenches(self.model, self.q, self.v, self.a)[..., :3], axis=-1)
+
+    @cached_property
+    def arm_scale(self) -> Vector:
+        """Angle of a link's cable per motor angle, r_m / r_j (1 without pulleys), shape (n_motors,)."""
+        pulleys = self.model.manipulator.pulleys
+        if pulleys is None:
+            return np.ones(self.model.n_motors)
+        return pulleys.motor_pulley_radius / pulleys.joint_pulley_radius
+
+    @cached_property
+    def cable_torque(self) -> Vector:
+        """Torque that cable i puts on link i, shape (n, n_motors) [N m]."""
+        return self.tau_m / self.arm_scale
+
+    def with_model(self, model: CableModel) -> Motion:
+        """Give the same motion of a robot with other inertial parameters."""
+        return replace(self, model=model)
+
+    def torque_change(self, d: Vector, rates: tuple[Vector, Vector] | None = None) -> Vector:
+        r"""Differentiate the motors' rigid-body torque along a change of joint positions.
+
+        :math:`E'(\partial_q \tau\, d + \partial_v \tau\, \dot d + \partial_a \tau\, \ddot d)`, by a central difference.
+
+        Parameters
+        ----------
+        d : ndarray, shape (n, n_joints)
+            Change of joint positions per unit of the effect [rad].
+        rates : pair of ndarray, optional
+            Its first and second time derivative; differentiated numerically if not given.
+
+        Returns
+        -------
+        ndarray, shape (n, n_motors)
+            [N m per unit of the effect].
+        """
+        d1, d2 = rates if rates is not None else _derivatives(d, self.rate)
+        h = 1e-4 / max(float(np.abs(d).max()), 1e-12)
+        plus = inverse_dynamics(self.model, self.q + h * d, self.v + h * d1, self.a + h * d2)
+        minus = inverse_dynamics(self.model, self.q - h * d, self.v - h * d1, self.a - h * d2)
+        return (plus - minus) @ self.model.joint_from_motor / (2 * h)
+
+
+def _derivatives(d: Vector, rate: float) -> tuple[Vector, Vector]:
+    from .signals_filters import differentiate
+
+    first = differentiate(d, rate)
+    return first, differentiate(first, rate)

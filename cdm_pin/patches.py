@@ -1,0 +1,252 @@
+"""Smooth corrections without a name: what is left when no effect of the catalogue fits.
+
+They compete with the catalogue in the search. Having many coefficients they lose to a law that is right, and win where
+none is; the diagnosis then says `unexplained`, where it happens and in which state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from .effects import (
+    Columns,
+    Effect,
+    Place,
+    Shape,
+    all_motor_places,
+    axis_places,
+    joint_places,
+    sign_width,
+    speed_scale,
+)
+from .geometry import Vector
+from .model import CableModel
+from .motion import Motion
+
+
+def bumps(x: Vector, count: int, low: float, high: float) -> list[Vector]:
+    """Evaluate cubic bumps on a grid over [low, high] that sum to nearly a constant; x is held at the ends."""
+    centres = np.linspace(low, high, count)
+    width = (high - low) / max(count - 1, 1)
+    u = (np.clip(x, low, high)[:, None] - centres) / width
+    b = np.where(np.abs(u) < 1, 2 / 3 - u**2 + 0.5 * np.abs(u) ** 3, np.clip(2 - np.abs(u), 0, None) ** 3 / 6)
+    return list(b.T)
+
+
+Variable = Callable[[Motion, Place, float], Vector]
+
+
+def _own_position(motion: Motion, place: Place, scale: float) -> Vector:
+    return place.along(motion.q, motion.q_m)
+
+
+def _own_speed(motion: Motion, place: Place, scale: float) -> Vector:
+    return np.arcsinh(place.along(motion.v, motion.v_m) / (0.05 * scale))
+
+
+def _other_position(motion: Motion, place: Place, scale: float) -> Vector:
+    return motion.q[:, place.index[1]]
+
+
+def _other_speed(motion: Motion, place: Place, scale: float) -> Vector:
+    return motion.v[:, place.index[1]]
+
+
+def _difference(motion: Motion, place: Place, scale: float) -> Vector:
+    return motion.q[:, place.index[0]] - motion.q[:, place.index[1]]
+
+
+def _time(motion: Motion, place: Place, scale: float) -> Vector:
+    return motion.time
+
+
+def _load(motion: Motion, place: Place, scale: float) -> Vector:
+    return motion.tau_m[:, place.index[0]]
+
+
+def _rotor_speed(motion: Motion, place: Place, scale: float) -> Vector:
+    return np.abs(motion.v_m[:, place.index[0]])
+
+
+def _grid(variable: Variable):
+    """Shape of a patch: width of the sign, scale of the speed, range of the variable, over all recordings."""
+
+    def grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
+        width, scale = sign_width(motions, place), speed_scale(motions, place)
+        x = np.concatenate([variable(motion, place, scale) for motion in motions])
+        low, high = np.quantile(x, [0.005, 0.995])
+        return [(width, scale, float(low), float(max(high, low + 1e-9)))]
+
+    return grid
+
+
+def _function(variable: Variable, count: int, times: Callable[[Motion, Place, Shape], Vector] | None = None):
+    """Columns of a smooth function of a variable, times a factor, as a torque along the place's coordinate."""
+
+    def columns(motion: Motion, place: Place, shape: Shape) -> Columns:
+        parts = bumps(variable(motion, place, shape[1]), count, *shape[2:])
+        factor = times(motion, place, shape) if times else 1.0
+        return Columns(along=(np.stack([factor * part for part in parts]), place.weights(motion.model)))
+
+    return columns
+
+
+def _sign(motion: Motion, place: Place, shape: Shape) -> Vector:
+    return np.tanh(place.along(motion.v, motion.v_m) / shape[0])
+
+
+def _torque(motion: Motion, place: Place, shape: Shape) -> Vector:
+    return motion.tau_m[:, place.index[0]]
+
+
+def since_reversal(v: Vector, rate: float, still: float) -> Vector:
+    """Time since the velocity last changed its sign, shape (n,) [s]."""
+    moving = np.where(np.abs(v) > still, np.sign(v), 0.0)
+    known = np.flatnonzero(moving)
+    if not len(known):
+        return np.zeros(len(v))
+    last = moving[known[np.maximum(np.searchsorted(known, np.arange(len(v)), side="right") - 1, 0)]]
+    turns = np.concatenate([[0], np.flatnonzero(np.diff(last)) + 1])
+    index = np.searchsorted(turns, np.arange(len(v)), side="right") - 1
+    return (np.arange(len(v)) - turns[index]) / rate
+
+
+def _reversal(motion: Motion, place: Place, shape: Shape) -> Columns:
+    v = place.along(motion.v, motion.v_m)
+    t, s = since_reversal(v, motion.rate, shape[0]), _sign(motion, place, shape)
+    series = [s, *(s * np.exp(-t / T) for T in (0.05, 0.15, 0.45, 1.3))]
+    return Columns(along=(np.stack(series), place.weights(motion.model)))
+
+
+def _tone(motion: Motion, place: Place, shape: Shape) -> Columns:
+    phase = 2 * np.pi * shape[0] * motion.time
+    return Columns(along=(np.stack([np.sin(phase), np.cos(phase)]), place.weights(motion.model)))
+
+
+TONE = Effect(
+    "unnamed_tone",
+    (),
+    axis_places,
+    _tone,
+    lambda beta, shape: {},
+    bounds=lambda motions, place: [(0.2, 0.5 * motions[0].rate)],
+    signs=(),
+    revealed_by="torque on {place} that swings with time at a frequency of its own",
+    reach=0.005,
+)
+"""A disturbance with its own frequency; the search adds it at the peaks of the residual's spectrum."""
+
+
+def _pairs(model: CableModel) -> list[Place]:
+    if model.n_joints > 6:  # too many to search
+        return []
+    return [
+        Place(place.location, place.A, place.B, (i, j))
+        for i, place in enumerate(joint_places(model))
+        for j in range(model.n_joints)
+        if j != i
+    ]
+
+
+def _between(model: CableModel) -> list[Place]:
+    """Every pair of joints once, as the coordinate that their difference is."""
+    if model.n_joints > 6:
+        return []
+    nj, nm = model.n_joints, model.n_motors
+    places = []
+    for i in range(nj):
+        for j in range(i):
+            A = np.eye(nj)[i] - np.eye(nj)[j]
+            places.append(Place({"kind": "joint", "index": i + 1, "other": j + 1}, tuple(A), (0.0,) * nm, (i, j)))
+    return places
+
+
+def _patch(name: str, places, variable: Variable, columns, region: str) -> Effect:
+    return Effect(
+        name,
+        (),
+        places,
+        columns,
+        lambda beta, shape: {},
+        _grid(variable),
+        signs=(),
+        revealed_by=region,
+        nuisance_shape=4,
+    )
+
+
+PATCHES: dict[str, Effect] = {
+    name: _patch(name, places, variable, columns, region)
+    for name, places, variable, columns, region in (
+        (
+            "unnamed_position",
+            axis_places,
+            _own_position,
+            _function(_own_position, 14),
+            "depends on the position of {place}",
+        ),
+        (
+            "unnamed_rub",
+            axis_places,
+            _own_position,
+            _function(_own_position, 14, _sign),
+            "friction that depends on the position of {place}",
+        ),
+        ("unnamed_velocity", axis_places, _own_speed, _function(_own_speed, 13), "depends on the speed of {place}"),
+        (
+            "unnamed_cross_position",
+            _pairs,
+            _other_position,
+            _function(_other_position, 9),
+            "torque on {place} that depends on another joint's position",
+        ),
+        (
+            "unnamed_cross_rub",
+            _pairs,
+            _other_position,
+            _function(_other_position, 9, _sign),
+            "friction of {place} that depends on another joint's position",
+        ),
+        (
+            "unnamed_difference",
+            _between,
+            _difference,
+            _function(_difference, 9),
+            "acts between {place} and another joint",
+        ),
+        (
+            "unnamed_brake",
+            _pairs,
+            _other_speed,
+            _function(_other_speed, 7, _sign),
+            "friction of {place} that depends on another joint's speed",
+        ),
+        ("unnamed_time", axis_places, _time, _function(_time, 16), "torque on {place} that wanders with time"),
+        ("unnamed_wear", axis_places, _time, _function(_time, 10, _sign), "friction of {place} that changes with time"),
+        ("unnamed_load", all_motor_places, _load, _function(_load, 14), "depends on the load of {place}"),
+        (
+            "unnamed_gain_drift",
+            all_motor_places,
+            _time,
+            _function(_time, 6, _torque),
+            "gain of {place} that changes with time",
+        ),
+        (
+            "unnamed_gain_speed",
+            all_motor_places,
+            _rotor_speed,
+            _function(_rotor_speed, 5, _torque),
+            "gain of {place} that changes with speed",
+        ),
+        (
+            "unnamed_reversal",
+            axis_places,
+            _time,
+            _reversal,
+            "friction of {place} that depends on the time since it turned",
+        ),
+    )
+}
+"""Every unnamed correction by name; `revealed_by` holds the words for the region of the state."""

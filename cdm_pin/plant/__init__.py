@@ -1,0 +1,1 @@
+"""Independent simulators; nothing here knows the identifier or its catalogue."""

@@ -1,0 +1,282 @@
+"""Blind trials: an arm, its trajectories, its sensors and what is wrong with it, drawn from one seed.
+
+`draw(seed)` gives recordings as named columns, a manipulator file whose masses are wrong by up to 10 %, and the truth.
+The truth is a plain dictionary (schema ``cdm_pin.truth/1``, described in `cdm_pin.scoring`).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import yaml
+
+from ..errors import InputError, nearest
+from ..files import whole_file, whole_folder
+from .absolute import Reference
+from .arms import arm_from_file, draw_arm, draw_reference, draw_servo, manipulator_file
+from .catalogue import CATALOGUE, EVERYTHING, draw_fault
+from .faults import Entry, Fault
+from .mujoco_run import CANNOT, simulate_in_mujoco
+from .oracle import Oracle, Scene
+from .run import altered, simulate_run
+from .sensing import Motion, Noise, Positions, Sensors, record, sampling_times
+from .strange import STRANGE
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A blind trial: what the diagnosis may see, and the truth it may not.
+
+    Parameters
+    ----------
+    manipulator : dict
+        Content of manipulator.yaml, masses wrong.
+    recordings, holdout : tuple of dict
+        Columns of each recording by name, each (n_samples,).
+    truth : dict
+        JSON-able; see `cdm_pin.scoring`.
+    scene : Scene
+        What an oracle needs to know about the first recording.
+    """
+
+    manipulator: dict[str, Any]
+    recordings: tuple[dict[str, np.ndarray], ...]
+    holdout: tuple[dict[str, np.ndarray], ...]
+    truth: dict[str, Any]
+    scene: Scene
+
+    def write(self, folder: str | Path) -> dict[str, Any]:
+        """Write manipulator.yaml, run_i.csv, holdout_i.csv and truth.json; return their paths by those names."""
+        folder = Path(folder)
+        runs = {f"run_{i + 1}.csv": r for i, r in enumerate(self.recordings)}
+        holdouts = {f"holdout_{i + 1}.csv": r for i, r in enumerate(self.holdout)}
+        with whole_folder(folder) as inside:
+            (inside / "manipulator.yaml").write_text(
+                yaml.safe_dump(self.manipulator, sort_keys=False), encoding="utf-8"
+            )
+            (inside / "truth.json").write_text(json.dumps(self.truth, indent=1), encoding="utf-8")
+            for name, columns in (runs | holdouts).items():
+                write_csv(inside / name, columns)
+        return {
+            "manipulator": folder / "manipulator.yaml",
+            "truth": folder / "truth.json",
+            "recordings": [folder / name for name in runs],
+            "holdout": [folder / name for name in holdouts],
+        }
+
+
+def write_csv(path: str | Path, columns: dict[str, np.ndarray]) -> None:
+    """Write equally long columns under a header line, to ten significant digits."""
+    with whole_file(path) as temporary:
+        table = np.column_stack(list(columns.values()))
+        np.savetxt(temporary, table, fmt="%.10g", delimiter=",", header=",".join(columns), comments="")
+
+
+def draw(
+    seed: int,
+    *,
+    n_links: int | None = None,
+    effects: Sequence[str] | int = 1,
+    size: Literal["plain", "quarter"] | float = "plain",
+    visibility: float | None = None,
+    at_least: float = 0.0,
+    out_of_catalogue: bool = False,
+    positions: Positions | None = None,
+    bits: int | None = None,
+    noise: Literal["white", "coloured"] | None = None,
+    motion: Literal["loop", "prescribed"] | None = None,
+    plant: Literal["absolute", "mujoco"] = "absolute",
+    jitter: float = 0.05,
+    tensions: bool = False,
+    rate: float = 200.0,
+    duration: float = 60.0,
+    n_recordings: int = 1,
+    n_holdout: int = 1,
+) -> Trial:
+    """Draw a blind trial; what is left open is drawn too.
+
+    Parameters
+    ----------
+    seed : int
+        Everything follows from it and the other arguments.
+    n_links : int, optional
+        2..6; drawn from 2, 3, 5.
+    effects : sequence of str or int
+        Names of the effects, or how many to draw (0: clean).
+    size : "plain", "quarter" or float
+        Factor on the amplitudes a mechanic would call a fault.
+    visibility : float, optional
+        Scale the (last) effect until its visibility on the first recording is this, within 5 %.
+    at_least : float
+        Redraw places and parameters, up to 20 times, until every effect is at least this visible.
+    out_of_catalogue : bool
+        Draw from laws that no catalogue has.
+    positions, bits, noise : optional
+        Which positions are logged, encoder bits (14 or 17), white or AR(1)-with-drift torque noise.
+    motion : "loop" or "prescribed", optional
+        Under a servo with wrong masses, or held exactly on the reference.
+    plant : "absolute" or "mujoco"
+        What makes the motion; MuJoCo always runs a servo, and carries fewer effects.
+    jitter : float
+        Standard deviation of the sampling instants, in sample intervals.
+    tensions : bool
+        Log cable tensions too.
+    rate, duration : float
+        Sampling [Hz] and length [s] of each recording.
+    n_recordings, n_holdout : int
+        How many recordings to train on and to hold out, each with its own trajectory.
+
+    Raises
+    ------
+    InputError
+        If an effect is unknown or cannot be shown by the positions asked for.
+    """
+    rng = np.random.default_rng(seed)
+    n = int(n_links or rng.choice([2, 3, 5]))
+    names = _names(rng, effects, n, _table(plant, out_of_catalogue), positions)
+    compliant = any(EVERYTHING[name].compliant for name in names)
+    arm, scale = draw_arm(rng, n, rotors=compliant or ("transmission_coupling" not in names and rng.random() < 0.4))
+    content = manipulator_file(arm, rng)
+    model = arm_from_file(content, arm)
+    sensors = Sensors(_positions(rng, names, positions), int(bits or rng.choice([14, 17])), rate, jitter, tensions)
+    level = _noise(rng, 0.1 * scale * arm.ratio * np.ones(n), noise)
+    looped = compliant or plant == "mujoco" or (motion or rng.choice(["loop", "prescribed"])) == "loop"
+    servo = draw_servo(rng, model, scale) if looped else None
+    references = [draw_reference(rng, n, speed=rng.uniform(0.7, 1.3)) for _ in range(n_recordings + n_holdout)]
+    times = [sampling_times(sensors, duration, rng) for _ in references]
+
+    factor = _SIZES[size] if isinstance(size, str) else float(size)
+
+    def moved(faults: Sequence[Fault], reference: Reference) -> Motion:
+        if plant == "mujoco" and servo is not None:
+            return simulate_in_mujoco(arm, faults, model, servo, reference, duration)
+        return simulate_run(arm, faults, model, servo, reference, duration)
+
+    def shown(faults: Sequence[Fault]) -> tuple[Scene, list[dict[str, float]]]:
+        run = moved(faults, references[0])
+        oracle = Oracle(Scene(arm, tuple(faults), run, sensors, level, times[0], scale))
+        return oracle.scene, [oracle.visibility(k) for k in range(len(faults))]
+
+    for _ in range(20):
+        faults = [fault.scaled(factor) for fault in _faults(rng, names, n, scale, arm)]
+        scene, seen = shown(faults)
+        if all(s["visibility"] >= at_least for s in seen):
+            break
+    for _ in range(8 if visibility and faults else 0):
+        more = float(visibility or 1.0) / max(seen[-1]["visibility"], 1e-9)
+        if abs(more - 1.0) < 0.05 or more > 1e6:
+            break
+        faults[-1] = faults[-1].scaled(float(np.clip(more, 0.02, 50.0)))
+        scene, seen = shown(faults)
+    runs = [scene.motion, *(moved(faults, reference) for reference in references[1:])]
+    logs = [record(run, faults, sensors, level, t, rng, arm) for run, t in zip(runs, times, strict=True)]
+    truth = _truth(seed, plant, altered(arm, faults)[0], faults, seen, sensors, level, servo, scale)
+    return Trial(content, tuple(logs[:n_recordings]), tuple(logs[n_recordings:]), truth, scene)
+
+
+_SIZES = {"plain": 1.0, "quarter": 0.25}
+
+
+def _table(plant: str, out_of_catalogue: bool) -> dict[str, Entry]:
+    table = STRANGE if out_of_catalogue else CATALOGUE
+    return {name: entry for name, entry in table.items() if plant == "absolute" or name not in CANNOT}
+
+
+def _positions(rng: np.random.Generator, names: Sequence[str], positions: Positions | None) -> Positions:
+    """Draw which positions are logged, of those that can show every effect."""
+    choices: list[Positions] = ["both", "joint", "motor"]
+    return positions or rng.choice([c for c in choices if all(c in EVERYTHING[name].sensors for name in names)])
+
+
+def _noise(rng: np.random.Generator, unit: np.ndarray, kind: str | None) -> Noise:
+    """Draw torque noise of 0.1-0.3 % of the arm's scale, white or AR(1) with drift."""
+    std = unit * rng.uniform(0.01, 0.03)
+    if (kind or rng.choice(["white", "coloured"])) == "white":
+        return Noise(std)
+    return Noise(std, rng.uniform(0.5, 0.9), float(std[0] * rng.uniform(0.3, 1.0)))
+
+
+def _names(rng, effects, n, table, positions) -> list[str]:
+    """Settle which effects a trial has; drawn ones go together and suit the positions that are logged."""
+    if not isinstance(effects, int):
+        for name in effects:
+            if name not in EVERYTHING:
+                raise InputError(f"unknown effect {name!r}{nearest(name, EVERYTHING)}")
+            if positions and positions not in EVERYTHING[name].sensors:
+                raise InputError(
+                    f"{name} needs positions logged at: {', '.join(EVERYTHING[name].sensors)}; got {positions}"
+                )
+        return list(effects)
+    names: list[str] = []
+    pool = [name for name in table if positions is None or positions in table[name].sensors]
+    while len(names) < effects and pool:
+        name = str(rng.choice(pool))
+        pool.remove(name)
+        together = [table[other] for other in [*names, name]]
+        if set.intersection(*(set(entry.sensors) for entry in together)) and not (
+            len(together) > 1 and any(entry.compliant for entry in together) and {*names, name} & set(_PATHS)
+        ):
+            names.append(name)
+    return names
+
+
+_PATHS = ("transmission_ratio_error", "pulley_eccentricity", "transmission_coupling", "backlash")
+
+
+def _faults(rng, names, n, scale, arm) -> list[Fault]:
+    """Draw the faults by name; amplitudes drawn for joints are made those of motors where a motor is the place."""
+    faults: list[Fault] = []
+    for name in names:
+        fault = draw_fault(name, rng, n, scale)
+        if name == "cable_slack":
+            beyond = slice(fault.location["index"] - 1, None)
+            carried = 9.81 * float(arm.mass[beyond] @ arm.length[beyond]) / 2.0
+            fault = replace(fault, parameters=fault.parameters | {"torque": fault.parameters["torque"] * carried})
+        if fault.location["kind"] in ("motor", "combination") and fault.effect not in _UNSCALED_AT_MOTOR:
+            fault = fault.scaled(arm.ratio)
+        faults.append(replace(fault, width=float(rng.uniform(0.01, 0.03))))
+    return faults
+
+
+_UNSCALED_AT_MOTOR = ("torque_dependent_friction", "torque_gain_error", "time_delay", "rotor_inertia",
+                      "gain_falls_as_motor_warms")  # fmt: skip
+
+
+def _truth(seed, plant, true, faults, seen, sensors, noise, servo, scale) -> dict[str, Any]:
+    effects = [
+        {
+            "effect": f.effect,
+            "location": f.location,
+            "parameters": f.parameters,
+            "form": f.form,
+            "in_catalogue": f.in_catalogue,
+            "visibility": s["visibility"],
+            "torque_visibility": s["torque"],
+            "kinematic_visibility": s["kinematic"],
+            "visible_fraction": s["fraction"],
+        }
+        for f, s in zip(faults, seen, strict=True)
+    ]
+    links = [
+        {"mass": m, "center_of_mass": [x, y, 0.0], "inertia_zz": z}
+        for m, x, y, z in zip(*(v.tolist() for v in (true.mass, true.cx, true.cy, true.inertia)), strict=True)
+    ]
+    return {
+        "schema": "cdm_pin.truth/1",
+        "plant": plant,
+        "seed": seed,
+        "n_links": len(links),
+        "effects": effects,
+        "links": links,
+        "rotor_inertia": true.rotor.tolist(),
+        "gravity": true.gravity.tolist(),
+        "scale": scale,
+        "noise": {"std": noise.std.tolist(), "correlation": noise.correlation, "drift": noise.drift},
+        "sensors": {"positions": sensors.positions, "bits": sensors.bits, "jitter": sensors.jitter},
+        "motion": "prescribed" if servo is None else "loop",
+    }

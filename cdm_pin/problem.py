@@ -1,0 +1,309 @@
+"""Recordings and a model as one linear problem in a band: data, columns of the rigid body and of effects."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.signal import firwin, kaiserord, upfirdn
+
+from .effects import Columns
+from .geometry import Vector
+from .model import CableModel
+from .motion import Motion
+from .recording import Recording
+from .regressor import motor_regressor
+from .signals import Signals, prepare
+from .signals_filters import differentiate, lowpass
+from .whitening import Segments
+
+
+@dataclass(frozen=True)
+class Band:
+    """Zero-phase low-pass and decimation: the one filter of both sides of the equation.
+
+    Attributes
+    ----------
+    rate : float
+        Of what comes in [Hz].
+    cutoff : float
+        [Hz].
+    step : int
+        Every which sample is kept.
+    taps : ndarray, shape (2 half + 1,)
+        Symmetric kernel; half is a multiple of `step`.
+    """
+
+    rate: float
+    cutoff: float
+    step: int
+    taps: Vector
+
+    def reduce(self, x: Vector) -> Vector:
+        """Filter and decimate along the last axis, (..., n) -> (..., ceil(n / step)); `segments` cuts the ends."""
+        half = len(self.taps) // 2
+        y = upfirdn(self.taps, x, 1, self.step, axis=-1)
+        first = half // self.step
+        return y[..., first : first + -(-x.shape[-1] // self.step)]
+
+    def segments(self, valid: np.ndarray) -> list[tuple[int, int]]:
+        """Stretches of decimated samples whose whole kernel lies on valid samples."""
+        half = len(self.taps) // 2
+        bad = np.concatenate([[True], ~valid, [True]])
+        edges = np.flatnonzero(bad)
+        stretches = []
+        for left, right in itertools.pairwise(edges):
+            start = -(-(left + half) // self.step)  # valid samples are left .. right - 2
+            stop = (right - 2 - half) // self.step + 1
+            if stop - start > 8:
+                stretches.append((start, stop))
+        return stretches
+
+
+def make_band(rate: float, cutoff: float) -> Band:
+    """Design the common filter: flat to `cutoff`, decimated so that little lies above it."""
+    step = max(1, int(rate / (2.6 * cutoff)))
+    if step == 1 and cutoff >= 0.38 * rate:
+        return Band(rate, 0.5 * rate, 1, np.ones(1))
+    nyquist = 0.5 * rate / step
+    width = max(2 * (nyquist - cutoff), 0.3 * cutoff)
+    length, beta = kaiserord(50.0, min(width / (0.5 * rate), 0.99))
+    half = -(-(length // 2) // step) * step
+    corner = min(cutoff + 0.5 * width, 0.49 * rate)
+    ideal = firwin(2 * half + 1, corner, window="boxcar", fs=rate, scale=False)
+    taps = np.asarray(ideal, float) * np.kaiser(2 * half + 1, float(beta))
+    return Band(rate, cutoff, step, taps / taps.sum())
+
+
+@dataclass(frozen=True)
+class Run:
+    """One recording made ready.
+
+    Attributes
+    ----------
+    signals : Signals
+    motion : Motion
+        Lightly filtered, at the full rate.
+    data : ndarray, shape (n_channels, n)
+        Motor torques, then the travel that the kinematic model leaves over; not filtered.
+    """
+
+    signals: Signals
+    motion: Motion
+    data: Vector
+
+    @property
+    def name(self) -> str:
+        """Name of the recording."""
+        return self.signals.recording.name
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is measured and what the rigid body explains, through one band.
+
+    Attributes
+    ----------
+    model : CableModel
+    runs : tuple of Run
+    band : Band
+    torque, kinematic : bool
+        Which channels there are.
+    """
+
+    model: CableModel
+    runs: tuple[Run, ...]
+    band: Band
+    torque: bool
+    kinematic: bool
+
+    @property
+    def n_channels(self) -> int:
+        """Motor torques and kinematic residuals."""
+        return self.model.n_motors * (self.torque + self.kinematic)
+
+    @property
+    def motions(self) -> list[Motion]:
+        """The motions of all runs."""
+        return [run.motion for run in self.runs]
+
+    @cached_property
+    def segments(self) -> list[Segments]:
+        """Per run the stretches without gaps."""
+        return [self.band.segments(run.signals.valid) for run in self.runs]
+
+    @cached_property
+    def data(self) -> list[Vector]:
+        """Per run the data in the band, shape (1, n_channels, n_reduced)."""
+        return [self.band.reduce(run.data)[None] for run in self.runs]
+
+    @cached_property
+    def rigid(self) -> list[Vector]:
+        """Per run the regressor of all standard parameters in the band, shape (10 n_joints, n_channels, n_reduced)."""
+        banks = []
+        for run in self.runs:
+            m, motion = self.model.n_motors, run.motion
+            Y = motor_regressor(self.model, motion.q, motion.v, motion.a)
+            bank = np.zeros((Y.shape[2], self.n_channels, motion.n))
+            if self.torque:
+                bank[:, :m] = Y.transpose(2, 1, 0)
+            banks.append(self.band.reduce(bank))
+        return banks
+
+    @cached_property
+    def rotors(self) -> list[Vector]:
+        """Per run the motor torque that the stated rotor inertias take, shape (1, n_channels, n_reduced)."""
+        banks = []
+        for run in self.runs:
+            bank = np.zeros((1, self.n_channels, run.motion.n))
+            if self.torque:
+                bank[0, : self.model.n_motors] = (run.motion.a_m * self.model.rotor_inertia).T
+            banks.append(self.band.reduce(bank))
+        return banks
+
+    def reduce(self, columns: Callable[[Motion], Columns]) -> list[Vector]:
+        """Compute columns on every run and bring them into the band, shape (k, n_channels, n_reduced) each."""
+        return [self._reduce(columns(run.motion), run.motion.n) for run in self.runs]
+
+    def _reduce(self, columns: Columns, n: int) -> Vector:
+        m = self.model.n_motors
+        if columns.along is not None:
+            series, w = columns.along
+            reduced = self.band.reduce(series)
+            out = np.zeros((len(series), self.n_channels, reduced.shape[-1]))
+            if self.torque:
+                out[:, :m] = reduced[:, None, :] * w[:, None]
+            return out
+        known = columns.torque if columns.torque is not None else columns.kinematic
+        if known is None:
+            return self.band.reduce(np.zeros((1, self.n_channels, n)))
+        full = np.zeros((known.shape[2], self.n_channels, n))
+        if self.torque and columns.torque is not None:
+            full[:, :m] = columns.torque.transpose(2, 1, 0)
+        if self.kinematic and columns.kinematic is not None:
+            full[:, m * self.torque :] = columns.kinematic.transpose(2, 1, 0)
+        return self.band.reduce(full)
+
+    def with_model(self, model: CableModel) -> Problem:
+        """Give the same problem with other inertial parameters in the motions."""
+        runs = tuple(replace(run, motion=run.motion.with_model(model)) for run in self.runs)
+        return Problem(model, runs, self.band, self.torque, self.kinematic)
+
+
+def make_problem(model: CableModel, recordings: Sequence[Recording], band: Band | None = None) -> Problem:
+    """Prepare recordings and choose the band in which motion and torque are both known.
+
+    Raises
+    ------
+    RecordingError
+        If a recording contradicts the model.
+    """
+    signals = [prepare(recording, model) for recording in recordings]
+    rate = min(s.rate for s in signals)
+    if any(abs(s.rate - rate) > 1e-3 * rate for s in signals):
+        signals = [prepare(recording, model, rate=rate) for recording in recordings]
+    if band is None:
+        band = make_band(rate, _cutoff(model, signals))
+    signals = [prepare(recording, model, rate=rate, cutoff=band.cutoff) for recording in recordings]
+    torque = all(_has(s, "torque") for s in signals)
+    kinematic = all("joint_position" in s.logged and "motor_position" in s.logged for s in signals)
+    runs = tuple(_run(model, s, band, torque, kinematic, i) for i, s in enumerate(signals))
+    return Problem(model, runs, band, torque, kinematic)
+
+
+def _has(signals: Signals, what: str) -> bool:
+    return f"motor_{what}" in signals.logged or f"joint_{what}" in signals.logged
+
+
+def _positions(model: CableModel, signals: Signals) -> tuple[Vector, Vector]:
+    logged = signals.logged
+    if "joint_position" in logged:
+        q = logged["joint_position"]
+        return q, logged.get("motor_position", model.motor_position(q))
+    return model.joint_position(logged["motor_position"]), logged["motor_position"]
+
+
+def _torque(model: CableModel, signals: Signals) -> Vector:
+    logged = signals.logged
+    return logged["motor_torque"] if "motor_torque" in logged else model.motor_torque(logged["joint_torque"])
+
+
+def _cutoff(model: CableModel, signals: Sequence[Signals]) -> float:
+    """Choose a band in which the inertia torque of the encoders' noise stays below the noise of the torque.
+
+    Above it the columns of the rigid body carry noise of their own, which biases a least-squares fit.
+    """
+    from .signals_filters import noise_floor
+
+    limits = []
+    for s in signals:
+        q, _ = _positions(model, s)
+        if not _has(s, "torque"):
+            limits.append(min(10.0, 0.2 * s.rate))
+            continue
+        tau = noise_floor(_torque(model, s), s.rate)
+        moving = np.ptp(q, axis=0) > 1e-6
+        noise = np.maximum(noise_floor(q, s.rate), 1e-9)
+        inertia = np.abs(model.joint_from_motor.T @ _mass(model, q) * noise) @ moving
+        ratio = np.median(tau / np.maximum(inertia, 1e-12))
+        limits.append(np.clip(0.8 * np.sqrt(ratio) / (2 * np.pi), 3.0, min(20.0, 0.3 * s.rate)))
+    return float(np.median(limits))
+
+
+def _mass(model: CableModel, q: Vector) -> Vector:
+    from .dynamics import inverse_dynamics
+
+    pose = np.repeat(np.median(q, axis=0)[None], model.n_joints + 1, axis=0)
+    a = np.vstack([np.zeros(model.n_joints), np.eye(model.n_joints)])
+    tau = inverse_dynamics(model, pose, np.zeros_like(pose), a)
+    return (tau[1:] - tau[0]).T
+
+
+def _parted(travel: Vector, band: Band, signals: Signals, model: CableModel, limit: float = 5.0) -> bool:
+    """Whether motors and joints move apart by more than their encoders' noise explains, means aside."""
+    inside = band.segments(signals.valid)
+    if not inside:
+        return False
+    moved = np.concatenate([band.reduce(travel.T)[:, a:b] for a, b in inside], axis=1)
+    share = min(1.0, 2 * band.cutoff / signals.rate)
+    noise = signals.noise["motor_position"] ** 2 + model.motor_from_joint**2 @ signals.noise["joint_position"] ** 2
+    return bool(np.any(np.std(moved, axis=1) > limit * np.sqrt(share * noise)))
+
+
+def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinematic: bool, index: int) -> Run:
+    rate, light = signals.rate, min(2.0 * band.cutoff, 0.45 * signals.rate)
+    q_raw, q_m_raw = _positions(model, signals)
+    travel = q_m_raw - model.motor_position(q_raw)
+    if kinematic and not _parted(travel, band, signals, model):
+        q_m_raw = model.motor_position(
+            q_raw
+        )  # both encoders see one motion: two noisy copies of it would fit the noise
+    q, q_m = lowpass(q_raw, rate, light), lowpass(q_m_raw, rate, light)
+    v, v_m = differentiate(q, rate), differentiate(q_m, rate)
+    noise = np.sqrt(np.mean((q_m_raw - q_m) ** 2, axis=0)) * 2 * np.pi * light * np.sqrt(2 * light / rate / 3)
+    motion = Motion(
+        model=model,
+        time=signals.time - signals.time[0],
+        q=q,
+        v=v,
+        a=differentiate(v, rate),
+        q_m=q_m,
+        v_m=v_m,
+        a_m=differentiate(v_m, rate),
+        joints_measured="joint_position" in signals.logged,
+        motors_measured="motor_position" in signals.logged,
+        velocity_noise=noise,
+        pretension=signals.recording.pretension or model.manipulator.pretension,
+        index=index,
+    )
+    channels = [_torque(model, signals)] if torque else []
+    if torque and model.manipulator.effects:
+        from .completed import added_torque
+
+        channels[0] = channels[0] - added_torque(motion)
+    if kinematic:
+        channels.append(travel * motion.arm_scale)
+    return Run(signals, motion, np.concatenate(channels, axis=1).T)

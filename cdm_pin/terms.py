@@ -1,0 +1,141 @@
+"""Which effects are fitted beside the rigid body, and where: from names to columns of one plan for all recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .base import BaseParameters, present_columns
+from .effects import CATALOGUE, Place, all_motor_places, joint_places
+from .errors import InputError, nearest
+from .model import CableModel
+
+BASELINE = ("viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
+LINEAR = (*BASELINE, "quadratic_drag", "joint_spring", "cable_friction")
+
+
+@dataclass(frozen=True)
+class Term:
+    """One coefficient of an effect at a place.
+
+    Attributes
+    ----------
+    effect : str
+        Of the catalogue.
+    place : Place
+    number : int
+        Which of the effect's columns.
+    """
+
+    effect: str
+    place: Place
+    number: int = 0
+
+    @property
+    def name(self) -> str:
+        """For people: ``"viscous_friction motor 2"``."""
+        where = self.place.location
+        words = [str(where[key]) for key in ("kind", "index") if key in where]
+        words += [f"{key} {value}" for key, value in where.items() if key not in ("kind", "index", "weights")]
+        return " ".join([self.effect, *words]) + (f" ({self.number + 1})" if self.number else "")
+
+    @property
+    def nonnegative(self) -> bool:
+        """Whether physics forbids a negative coefficient."""
+        signs = CATALOGUE[self.effect].signs
+        return bool(signs[self.number]) if self.number < len(signs) else False
+
+
+def parse_effects(model: CableModel, wanted: Sequence[str]) -> tuple[Term, ...]:
+    """Find effects by name, each optionally with its places, as in ``coulomb_friction:joint2``.
+
+    Parameters
+    ----------
+    model : CableModel
+    wanted : sequence of str
+        Effects of the catalogue that are linear in their parameters; friction sits at the motors unless told otherwise.
+
+    Raises
+    ------
+    InputError
+        If a name or place is unknown, or the effect is not linear in its parameters.
+    """
+    terms: list[Term] = []
+    for text in wanted:
+        name, _, where = text.partition(":")
+        if name not in CATALOGUE:
+            hint = nearest(name, CATALOGUE) or f"; every robot's: {', '.join(BASELINE)}"
+            raise InputError(f"unknown effect {name!r}{hint}", place="--effects")
+        effect = CATALOGUE[name]
+        if name not in LINEAR:
+            message = f"{name} is not linear in its parameters: cdm-pin diagnose fits it; here: {', '.join(LINEAR)}"
+            raise InputError(message, place="--effects")
+        terms += [Term(name, place, k) for place in _places(model, text, where) for k in range(len(effect.signs))]
+    return tuple(terms)
+
+
+def _places(model: CableModel, text: str, where: str) -> list[Place]:
+    name = text.partition(":")[0]
+    own = CATALOGUE[name].places(model)
+    kind = where.strip().rstrip("0123456789").strip()
+    index = where.strip()[len(kind) :].strip()
+    if "friction" in name or name == "rotor_inertia":
+        own = {"": all_motor_places, "motor": all_motor_places}.get(kind, CATALOGUE[name].places)(model)
+        own = joint_places(model) if kind == "joint" and "friction" in name else own
+    places = [place for place in own if not kind or place.location["kind"] == kind]
+    if index:
+        places = [place for place in places if str(place.location.get("index")) == index]
+    if not places:
+        known = sorted({" ".join(str(p.location[k]) for k in ("kind", "index") if k in p.location) for p in own})
+        raise InputError(f"{text!r} is nowhere on this robot; {name} can be at {', '.join(known)}", place="--effects")
+    return places
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to reduce every recording to; the same for all, and small enough to send to another process.
+
+    Attributes
+    ----------
+    model : CableModel
+        With the nominal parameters.
+    base : BaseParameters
+    terms : tuple of Term
+        Asked for, then spare.
+    n_wanted : int
+        How many terms are asked for.
+    cutoff : float or None
+        Of the common filter [Hz]; None chooses it from each recording.
+    """
+
+    model: CableModel
+    base: BaseParameters
+    terms: tuple[Term, ...]
+    n_wanted: int
+    cutoff: float | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all columns."""
+        return (*self.base.names, *(term.name for term in self.terms))
+
+    @property
+    def present(self) -> np.ndarray:
+        """Which column can reach which motor, shape (n_motors, n_columns)."""
+        where = [np.abs(term.place.weights(self.model)) > 1e-12 for term in self.terms]
+        return np.column_stack([present_columns(self.model, self.base), *where])
+
+
+def make_plan(
+    model: CableModel, base: BaseParameters, effects: Sequence[str | Term] = (), cutoff: float | None = None
+) -> Plan:
+    """Collect the effects asked for and the spare ones."""
+    wanted: list[Term] = []
+    for effect in effects:
+        wanted += [effect] if isinstance(effect, Term) else parse_effects(model, [effect])
+    asked = {term.effect for term in wanted}
+    spare = parse_effects(model, [name for name in BASELINE if name not in asked])
+    terms = tuple({term.name: term for term in [*wanted, *spare]}.values())
+    return Plan(model, base, terms, len({term.name for term in wanted}), cutoff)

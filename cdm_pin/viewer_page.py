@@ -1,0 +1,127 @@
+"""The viewer's page: meshcat's own drawing library with a panel for news and a bar to play, pause and seek.
+
+Live it listens to a server on the same address (`live_page`); saved it carries its frames within (`saved_page`). Either
+way it asks nothing of any other address.
+"""
+
+from __future__ import annotations
+
+import base64
+import importlib.util
+import json
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+LIVE = """
+let latest = null, socket = null;
+function send(message) { if (socket && socket.readyState === 1) socket.send(JSON.stringify(message)); }
+function draw() {
+  requestAnimationFrame(draw);
+  if (!latest || !nodes) return;
+  const data = latest; latest = null;
+  showTime(new Float32Array(data, 4, 1)[0]);
+  showFrame(new Float32Array(data, 8));
+  send({ack: 1});
+}
+function connect() {
+  socket = new WebSocket((location.protocol === "https:" ? "wss://" : "ws://") + location.host + "/stream");
+  socket.binaryType = "arraybuffer";
+  socket.onopen = () => { byId("lost").textContent = ""; };
+  socket.onclose = () => { byId("lost").textContent = "no connection"; setTimeout(connect, 1000); };
+  socket.onmessage = event => {
+    if (typeof event.data === "string") {
+      const m = JSON.parse(event.data);
+      if (m.layout) { setDuration(m.duration); setLayout(m.layout); setCamera(m.camera); }
+      if (m.state) { setPlaying(m.state.playing); byId("speed").value = m.state.speed; }
+      if (m.news) showNews(m.news);
+    } else if (new Uint8Array(event.data)[0] === 1) latest = event.data;
+    else viewer.handle_command_bytearray(new Uint8Array(event.data, 4));
+  };
+}
+byId("play").onclick = () => send({playing: !playing});
+byId("speed").onchange = () => send({speed: +byId("speed").value});
+byId("seek").oninput = () => { dragging = true; send({seek: +byId("seek").value}); };
+byId("seek").onchange = () => { dragging = false; };
+connect(); draw();
+"""
+
+SAVED = """
+const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0));
+const saved = JSON.parse(byId("saved").textContent);
+for (const command of saved.commands) viewer.handle_command_bytearray(bytes(command));
+const frames = new Float32Array(bytes(saved.frames).buffer), width = frames.length / saved.count;
+let now = 0, before = null, shown = -1;
+function tick(stamp) {
+  requestAnimationFrame(tick);
+  if (playing && before !== null) now += (stamp - before) / 1000 * +byId("speed").value;
+  before = stamp;
+  if (now > duration) now = 0;
+  const k = Math.min(Math.round(now * saved.rate), saved.count - 1);
+  if (k !== shown) { showFrame(frames.subarray(k * width, (k + 1) * width)); shown = k; showTime(now); }
+}
+setDuration((saved.count - 1) / saved.rate); setLayout(saved.layout); setCamera(saved.camera); showNews(saved.news);
+byId("play").onclick = () => setPlaying(!playing);
+byId("seek").oninput = () => { now = +byId("seek").value; };
+requestAnimationFrame(tick);
+"""
+
+
+def library_path() -> Path:
+    """Find meshcat's drawing library (without importing meshcat)."""
+    spec = importlib.util.find_spec("meshcat")
+    assert spec is not None and spec.origin is not None
+    return Path(spec.origin).parent / "viewer" / "dist" / "main.min.js"
+
+
+def live_page(title: str) -> str:
+    """Give the page that listens to `cdm_pin.viewer_server`."""
+    return _page(title, '<script src="/main.min.js"></script>', LIVE)
+
+
+def saved_page(
+    title: str,
+    commands: Sequence[bytes],
+    layout: dict[str, Any],
+    camera: dict[str, Any],
+    frames: np.ndarray,
+    rate: float,
+    news: Mapping[str, Any],
+) -> str:
+    """Give a page that plays from disk.
+
+    Parameters
+    ----------
+    title : str
+    commands : sequence of bytes
+        What is drawn once, see `scene_meshcat`.
+    layout, camera : dict
+        See `scene_meshcat.layout`, `show.camera`.
+    frames : ndarray of float32, shape (n, m)
+        See `scene_meshcat.pack_frames`.
+    rate : float
+        Frames per second [Hz].
+    news : mapping
+        What the panel shows.
+    """
+    content = {
+        "commands": [base64.b64encode(command).decode() for command in commands],
+        "layout": layout,
+        "camera": camera,
+        "frames": base64.b64encode(np.ascontiguousarray(frames, dtype="<f4").tobytes()).decode(),
+        "count": len(frames),
+        "rate": rate,
+        "news": {"title": title, **news},
+    }
+    held = json.dumps(content).replace("<", "\\u003c")
+    library = f"<script>{library_path().read_text(encoding='utf-8')}</script>"
+    data = f'<script id="saved" type="application/json">{held}</script>'
+    return _page(title, library + data, SAVED)
+
+
+def _page(title: str, library: str, script: str) -> str:
+    page = (Path(__file__).parent / "viewer.html").read_text(encoding="utf-8")
+    return page.replace("{{title}}", escape(title)).replace("{{library}}", library).replace("{{script}}", script)

@@ -1,0 +1,187 @@
+"""Whitening of residuals: an autoregressive model per channel and a covariance over channels, from the data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from scipy.special import gammaln
+from scipy.stats import chi2
+
+from .geometry import Vector
+
+Segments = Sequence[tuple[int, int]]
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """Prediction-error filter of each channel, then the inverse root of the innovations' covariance.
+
+    Attributes
+    ----------
+    coefficients : ndarray, shape (n_channels, order)
+        e_t - sum_k c_k e_{t-k} is white.
+    mix : ndarray, shape (n_channels, n_channels)
+        Lower triangular; unit covariance after it.
+    scale : ndarray, shape (n_runs,)
+        Standard deviation of each run relative to the pool.
+    """
+
+    coefficients: Vector
+    mix: Vector
+    scale: Vector
+
+    @property
+    def order(self) -> int:
+        """Samples that are lost at the start of every segment."""
+        return self.coefficients.shape[1]
+
+    def __call__(self, bank: Vector, segments: Segments, run: int = 0) -> Vector:
+        """Whiten columns of one run.
+
+        Parameters
+        ----------
+        bank : ndarray, shape (n_columns, n_channels, n_samples)
+        segments : sequence of (start, stop)
+            Stretches without gaps.
+        run : int
+            Which run it is.
+
+        Returns
+        -------
+        ndarray, shape (n_columns, n_rows)
+        """
+        n_columns = bank.shape[0]
+        parts = []
+        for start, stop in segments:
+            if stop - start <= 2 * self.order:
+                continue
+            white = _prediction_errors(bank, start, stop, self.coefficients)
+            parts.append(np.matmul(self.mix, white).reshape(n_columns, -1))
+        if not parts:
+            return np.zeros((n_columns, 0))
+        return np.concatenate(parts, axis=1) / self.scale[run]
+
+
+@numba.njit(cache=True, fastmath=True)
+def _prediction_errors(bank, start, stop, coefficients):
+    """Filter every column of every channel by 1 - sum_k c_k z^-k; columns that are zero on a channel cost nothing."""
+    n_columns, n_channels, _ = bank.shape
+    order = coefficients.shape[1]
+    n = stop - start - order
+    out = np.zeros((n_columns, n_channels, n))
+    for i in range(n_columns):
+        for c in range(n_channels):
+            x = bank[i, c]
+            if not np.any(x[start:stop]):
+                continue
+            y = out[i, c]
+            y[:] = x[start + order : stop]
+            for k in range(order):
+                a, shift = coefficients[c, k], start + order - k - 1
+                for t in range(n):
+                    y[t] -= a * x[shift + t]
+    return out
+
+
+def fit_whitener(residuals: Sequence[Vector], segments: Sequence[Segments], order: int) -> Whitener:
+    """Fit a whitener to residuals by least squares over all segments.
+
+    Means are taken out first: a constant that is still unexplained is not noise.
+
+    Parameters
+    ----------
+    residuals : sequence of ndarray, shape (n_channels, n_samples)
+        One per run.
+    segments : sequence of Segments
+    order : int
+        Of the autoregression.
+    """
+    n_channels = residuals[0].shape[0]
+    longest = max((stop - start for run in segments for start, stop in run), default=0)
+    order = max(1, min(order, longest // 6))
+    coefficients = np.zeros((n_channels, order))
+    innovations: list[list[Vector]] = [[] for _ in residuals]
+    for c in range(n_channels):
+        lags, targets, owner = [], [], []
+        for r, (e, run) in enumerate(zip(residuals, segments, strict=True)):
+            mean = np.mean(np.concatenate([e[c, a:b] for a, b in run])) if len(run) else 0.0
+            for start, stop in run:
+                x = e[c, start:stop] - mean
+                if len(x) <= 2 * order:
+                    continue
+                windows = np.lib.stride_tricks.sliding_window_view(x, order + 1)
+                lags.append(windows[:, :order][:, ::-1])
+                targets.append(windows[:, order])
+                owner.append(np.full(len(windows), r))
+        if not targets:
+            continue
+        A, b = np.concatenate(lags), np.concatenate(targets)
+        gram = A.T @ A
+        gram[np.diag_indices(order)] += 1e-10 * np.trace(gram) / order + 1e-300
+        coefficients[c] = np.linalg.solve(gram, A.T @ b)
+        e, who = b - A @ coefficients[c], np.concatenate(owner)
+        for r in range(len(residuals)):
+            innovations[r].append(e[who == r])
+    runs = [_aligned(run) for run in innovations if len(run) == n_channels and len(run[0])]
+    if not runs:
+        return Whitener(coefficients, np.eye(n_channels), np.ones(len(residuals)))
+    pooled = np.concatenate(runs, axis=1)
+    covariance = pooled @ pooled.T / pooled.shape[1]
+    floor = 1e-12 * np.trace(covariance) / n_channels + 1e-300
+    root = np.linalg.cholesky(covariance + floor * np.eye(n_channels))
+    mix = np.linalg.inv(root)
+    scale = np.ones(len(residuals))
+    if len(runs) == len(residuals):
+        scale = np.array([np.sqrt(np.mean((mix @ run) ** 2)) for run in runs])
+    return Whitener(coefficients, mix, np.maximum(scale, 1e-6))
+
+
+def _aligned(channels: Sequence[Vector]) -> Vector:
+    n = min(len(x) for x in channels)
+    return np.array([x[:n] for x in channels])
+
+
+def quiet_segments(
+    residuals: Sequence[Vector], segments: Sequence[Segments], length: int = 16, limit: float = 4.0
+) -> list[Segments]:
+    """Cut out of the segments what stands out by more than `limit` times the usual root mean square.
+
+    Parameters
+    ----------
+    residuals : sequence of ndarray, shape (n_channels, n_samples)
+    segments : sequence of Segments
+    length : int
+        Of the blocks that are compared, in samples.
+    limit : float
+
+    Returns
+    -------
+    list of Segments
+        The same where more than three tenths stand out: then that is no exception.
+    """
+    out = []
+    for e, run in zip(residuals, segments, strict=True):
+        inside = np.zeros(e.shape[1], bool)
+        for start, stop in run:
+            inside[start:stop] = True
+        centred = np.where(inside, e - np.mean(e[:, inside], axis=1, keepdims=True), 0.0)
+        power = np.array([np.convolve(x**2, np.ones(length) / length, mode="same") for x in centred])
+        loud = (power > limit**2 * np.median(power[:, inside], axis=1, keepdims=True)).any(axis=0) & inside
+        if loud.sum() > 0.3 * inside.sum():
+            out.append(run)
+            continue
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], (inside & ~loud).astype(int), [0]])))
+        out.append([(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 60])
+    return out
+
+
+def log_p(statistic: float, k: int) -> float:
+    """Give ln P(chi2_k > statistic), where scipy underflows too."""
+    value = float(chi2.logsf(statistic, k))
+    if np.isfinite(value):
+        return value
+    half = 0.5 * statistic
+    return float(-half + (0.5 * k - 1) * np.log(half) - gammaln(0.5 * k))

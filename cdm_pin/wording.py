@@ -1,0 +1,340 @@
+"""What a diagnosis says, in words a mechanic understands; read from the content of diagnosis.json alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+Content = Mapping[str, Any]
+
+EFFECT_NAMES = {
+    "viscous_friction": "viscous friction",
+    "coulomb_friction": "dry friction",
+    "stribeck_friction": "stick-slip (Stribeck) friction",
+    "asymmetric_friction": "direction-dependent friction",
+    "quadratic_drag": "quadratic drag",
+    "load_dependent_friction": "bearing friction that grows with load",
+    "torque_dependent_friction": "friction that grows with torque",
+    "position_dependent_friction": "friction that varies with position",
+    "cable_friction": "cable friction",
+    "capstan_friction": "capstan friction",
+    "hysteresis": "hysteresis",
+    "friction_drift": "friction that drifts while warming up",
+    "joint_spring": "a joint spring",
+    "cable_elasticity": "cable elasticity",
+    "backlash": "backlash",
+    "cable_slack": "cable slack",
+    "transmission_ratio_error": "a transmission ratio error",
+    "transmission_coupling": "transmission coupling",
+    "pulley_eccentricity": "pulley eccentricity",
+    "torque_ripple": "torque ripple",
+    "rotor_inertia": "rotor inertia",
+    "torque_gain_error": "a torque gain error",
+    "torque_offset": "a torque offset",
+    "encoder_offset": "an encoder offset",
+    "base_tilt": "base tilt",
+    "payload": "a payload",
+    "time_delay": "a time delay",
+    "external_torque": "an external torque",
+}
+
+# What is said of an effect at {place}; {name} is a parameter with its error and unit, {name:%} in per cent,
+# {name:ms} in milliseconds, {name:#} without unit. A part in [brackets] is left out where its parameters are missing.
+_CLAUSES = {
+    "viscous_friction": "{place} drags with a viscous friction of {viscous}",
+    "coulomb_friction": "{place} loses {coulomb} to dry friction when it reverses",
+    "stribeck_friction": "{place} sticks before it slides: {coulomb} of dry friction[ and {stribeck} more near "
+    "standstill][, fading above {stribeck_velocity}]",
+    "asymmetric_friction": "{place} rubs unequally: {coulomb_positive} forwards, {coulomb_negative} backwards",
+    "quadratic_drag": "{place} is held back by drag that grows with the square of its speed, {coefficient}",
+    "load_dependent_friction": "{place} rubs more the more its bearing is loaded, {coefficient}",
+    "torque_dependent_friction": "{place} rubs more the more torque it transmits, {coefficient}",
+    "position_dependent_friction": "{place} rubs more at some angles than at others[, {coulomb} on average]",
+    "cable_friction": "{place} rubs on its guides and loses {coulomb}",
+    "capstan_friction": "{place} rubs around its pulleys with a friction coefficient of {mu}, more under more tension",
+    "hysteresis": "{place} gives before it slips: hysteresis of {limit}[ behind a stiffness of {stiffness}]",
+    "friction_drift": "{place} starts with {extra:%} more friction than it settles to[, with a time constant of "
+    "{time_constant}]",
+    "joint_spring": "{place} is pulled by a spring of {stiffness}[ towards {rest}]",
+    "cable_elasticity": "{place} stretches, with a stiffness of {stiffness}[ and a damping of {damping}]",
+    "backlash": "{place} has lost motion of {half_gap} to each side at every reversal",
+    "cable_slack": "{place} goes slack on one side once its torque passes {torque}",
+    "transmission_ratio_error": "{place} runs at a ratio that is off by {relative_error:%}",
+    "transmission_coupling": "{place} turns along with another joint, at a ratio of {ratio}",
+    "pulley_eccentricity": "{place} has a pulley that runs out of true by {relative_eccentricity:%} of its radius",
+    "torque_ripple": "{place} ripples by {amplitude}[, {cycles:#} times a turn]",
+    "rotor_inertia": "{place} carries a rotor inertia of {inertia} that the file lacks",
+    "torque_gain_error": "{place} logs its torque with a gain of {gain} instead of 1",
+    "torque_offset": "{place} logs its torque {offset} off",
+    "encoder_offset": "{place} logs its position {offset} off",
+    "base_tilt": "{place} is tilted by {angle}",
+    "payload": "{place} carries {mass} that the file lacks",
+    "time_delay": "the torque of {place} is logged {delay:ms} late",
+    "external_torque": "something pushed on {place} with {torque}",
+}
+
+_COUNTS = ("No", "One thing is", "Two things are", "Three things are", "Four things are", "Five things are")
+
+
+def sentence(diagnosis: Content) -> str:
+    """Say the verdict of a diagnosis in one sentence.
+
+    Parameters
+    ----------
+    diagnosis : mapping
+        The content of diagnosis.json.
+
+    Returns
+    -------
+    str
+        What is missing, where and how large, what it improves on the unseen run, what it cannot be told from and what
+        to record next; one sentence that ends with a full stop.
+    """
+    build = _VERDICTS.get(str(diagnosis.get("verdict")), _insufficient)
+    text = "; ".join(part for part in build(diagnosis) if part)
+    return text[:1].upper() + text[1:] + "."
+
+
+def _missing(diagnosis: Content) -> list[str]:
+    findings = diagnosis.get("findings") or []
+    clauses = [clause(finding) for finding in findings]
+    if len(clauses) > 1:
+        count = _COUNTS[len(clauses)] if len(clauses) < len(_COUNTS) else f"{len(clauses)} things are"
+        clauses[0] = f"{count} missing: {clauses[0]}"
+    doubts = [doubt(finding, "this" if len(findings) == 1 else "") for finding in findings]
+    rest = "" if any(doubts) else "nothing else is missing above the sensitivities listed"
+    return [*clauses, improvement(diagnosis), *doubts, _to_find_out(diagnosis) if any(doubts) else rest]
+
+
+def _consistent(diagnosis: Content) -> list[str]:
+    floor = _error(diagnosis)
+    reached = f", down to the noise floor ({floor})" if floor else ""
+    return [
+        f"nothing is missing above the sensitivities listed: rigid links and ideal cables explain the torques{reached}",
+        changed_masses(diagnosis),
+        _to_find_out(diagnosis),
+    ]
+
+
+def _unexplained(diagnosis: Content) -> list[str]:
+    rest = diagnosis.get("unexplained") or {}
+    where = place(rest.get("location") or {"kind": "system"})
+    size = f", {number(rest['rms'])} N m rms" if rest.get("rms") else ""
+    region = f" {rest['region']}" if rest.get("region") else ""
+    parts = [f"something that none of the known effects explains happens on {where}{region}{_when(rest)}{size}"]
+    if rest.get("nearest"):
+        parts.append(f"nearest to it, but not it: {_either([candidate(near) for near in rest['nearest']])}")
+    findings = diagnosis.get("findings") or []
+    if findings:
+        parts.append("sure beside it: " + ", and ".join(clause(finding) for finding in findings))
+    return [*parts, _to_find_out(diagnosis)]
+
+
+def _insufficient(diagnosis: Content) -> list[str]:
+    rivals = next((f for f in diagnosis.get("findings") or [] if f.get("indistinguishable_from")), None)
+    if rivals:
+        others = _either([candidate(other) for other in rivals["indistinguishable_from"]])
+        first = f"these data cannot tell {candidate(rivals)} from {others}"
+    else:
+        reason = diagnosis.get("reason")
+        first = f"these data are too few to decide{f' ({reason})' if reason else ''}"
+    return [first, _to_find_out(diagnosis)]
+
+
+_VERDICTS: dict[str, Callable[[Content], list[str]]] = {
+    "missing_physics": _missing,
+    "consistent": _consistent,
+    "unexplained": _unexplained,
+    "insufficient_data": _insufficient,
+}
+
+
+def clause(finding: Content) -> str:
+    """Say one finding: what happens, where, how large; without capital and full stop."""
+    effect, parameters = str(finding.get("effect")), finding.get("parameters") or {}
+    where = place(finding.get("location") or {})
+    text = _fill(_CLAUSES[effect], where, parameters) if effect in _CLAUSES else None
+    if text is None:
+        sizes = ", ".join(f"{name.replace('_', ' ')} {quantity(p)}" for name, p in parameters.items())
+        text = f"{where} shows {effect_name(effect)}{f' ({sizes})' if sizes else ''}"
+    return text + _when(finding) + (" (unconfirmed)" if unconfirmed(finding) else "")
+
+
+def _fill(template: str, where: str, parameters: Content) -> str | None:
+    """Fill a clause; None if a parameter outside [brackets] is missing."""
+    parts = template.replace("]", "[").split("[")
+    texts = [_fill_part(part, where, parameters) for part in parts]
+    if any(text is None for text in texts[::2]):
+        return None
+    return "".join(text or "" for text in texts)
+
+
+def _fill_part(part: str, where: str, parameters: Content) -> str | None:
+    text = part.replace("{place}", where)
+    for name, parameter in parameters.items():
+        text = text.replace(f"{{{name}}}", quantity(parameter))
+        text = text.replace(f"{{{name}:%}}", quantity(parameter, 100.0, "%"))
+        text = text.replace(f"{{{name}:ms}}", quantity(parameter, 1000.0, "ms"))
+        text = text.replace(f"{{{name}:#}}", quantity(parameter, 1.0, "1"))
+    return None if "{" in text else text
+
+
+def unconfirmed(finding: Content) -> bool:
+    """Whether a finding was judged without an unseen recording."""
+    return bool(finding.get("unconfirmed")) or finding.get("status") == "unconfirmed"
+
+
+def doubt(finding: Content, it: str = "") -> str:
+    """Say what a finding, or `it`, cannot be told from, or nothing."""
+    others = [candidate(other) for other in finding.get("indistinguishable_from") or []]
+    return f"these data cannot tell {it or candidate(finding)} from {_either(others)}" if others else ""
+
+
+def improvement(diagnosis: Content) -> str:
+    """Say how far the torque error falls, on the motor where it falls most, and where the floor is."""
+    name, fit = _judged(diagnosis)
+    if not fit:
+        return ""
+    rigid, augmented, floor = (fit.get(key) or [] for key in ("rmse_rigid", "rmse_augmented", "noise_floor"))
+    if not rigid or len(augmented) != len(rigid):
+        return ""
+    k = max(range(len(rigid)), key=lambda i: (rigid[i] or 0.0) - (augmented[i] or 0.0))
+    if not (rigid[k] or 0.0) > (augmented[k] or 0.0):
+        return ""
+    of_motor = f" of motor {k + 1}" if len(rigid) > 1 else ""
+    unit = _unit(diagnosis, k)
+    text = f"with {'it' if len(diagnosis.get('findings') or []) < 2 else 'them'}, "
+    text += f"{'torque' if unit.startswith('N') else 'position'} error{of_motor} on the {name} "
+    text += f"falls from {number(rigid[k])} to {number(augmented[k])} {unit}"
+    if k < len(floor) and floor[k]:
+        reached = augmented[k] <= 1.15 * floor[k]
+        text += ", the noise floor" if reached else f", where the noise floor is {number(floor[k])}"
+    return text
+
+
+def changed_masses(diagnosis: Content) -> str:
+    """Say which links differ from the file, or nothing."""
+    changed = (diagnosis.get("rigid_body") or {}).get("changed") or []
+    links = sorted({link for change in changed for link in change.get("links") or []})
+    if not changed:
+        return ""
+    named = f" of link{'s' if len(links) > 1 else ''} {_listed([str(i) for i in links])}" if links else ""
+    classes = {candidate(other) for change in changed for other in change.get("indistinguishable_from") or []}
+    beside = f", which may as well be {_either(sorted(classes)[:3])}" if classes else ""
+    return f"the masses or inertias{named} differ from the file{beside}"
+
+
+def next_experiment(diagnosis: Content) -> str:
+    """Say what to record next, or nothing."""
+    plan = diagnosis.get("next_experiment") or {}
+    steps = [f"the trajectory {plan['file']}"] if plan.get("file") else []
+    steps += [str(plan["change"])] if plan.get("change") else []
+    if not steps:
+        return ""
+    power = plan.get("power")
+    return f"record {' with '.join(steps)}" + (f" ({100 * power:.0f} % sure to decide)" if power else "")
+
+
+def _to_find_out(diagnosis: Content) -> str:
+    text = next_experiment(diagnosis)
+    return text and f"{text} to find out"
+
+
+def effect_name(effect: str) -> str:
+    """Give the plain name of an effect of the catalogue, or its own name in words."""
+    return EFFECT_NAMES.get(effect, effect.replace("_", " "))
+
+
+def candidate(entry: Content) -> str:
+    """Name an effect and its place: ``"dry friction of joint 2"``."""
+    location = entry.get("location") or {}
+    where = "" if location.get("kind") in (None, "base", "system") else f" of {place(location)}"
+    return effect_name(str(entry.get("effect"))) + where
+
+
+def place(location: Content) -> str:
+    """Name a place: ``"joint 2"``, ``"cable 3 at link 1"``, ``"motors 1 and 3 together"``."""
+    kind = location.get("kind")
+    if kind == "base":
+        return "the base"
+    if kind == "combination":
+        weights: Sequence[float] = location.get("weights") or []
+        motors = [str(i + 1) for i, weight in enumerate(weights) if abs(weight) > 1e-9]
+        return f"the contact between motors {_listed(motors)}"
+    if kind in (None, "system"):
+        return "the whole robot"
+    text = f"{kind} {location.get('index', '?')}"
+    for other in ("link", "joint"):
+        if other in location:
+            text += f" at {other} {location[other]}"
+    return text
+
+
+def quantity(parameter: Any, factor: float = 1.0, unit: str | None = None) -> str:
+    """Write a parameter with its standard error and unit: ``"0.310 ± 0.004 N m"``."""
+    if not isinstance(parameter, Mapping):
+        return number(parameter) if isinstance(parameter, (int, float)) else str(parameter)
+    value, std = parameter.get("value"), parameter.get("std")
+    unit = unit or parameter.get("unit") or ""
+    if isinstance(value, (list, tuple)):
+        text = "(" + ", ".join(number(x * factor) for x in value) + ")"
+    elif not isinstance(value, (int, float)):
+        text = "of unknown size"
+    else:
+        text = with_error(value * factor, None if not isinstance(std, (int, float)) else std * factor)
+    degrees = f" ({number(math.degrees(value), 2)} deg)" if unit == "rad" and isinstance(value, (int, float)) else ""
+    return " ".join(part for part in (text, unit if unit != "1" else "") if part) + degrees
+
+
+def with_error(value: float, std: float | None) -> str:
+    """Write a value and its standard error with as many digits as the error (one or two significant ones) allows."""
+    if std is None or not math.isfinite(std) or std <= 0.0 or not math.isfinite(value):
+        return number(value)
+    digits = -math.floor(math.log10(std)) + (1 if std / 10 ** math.floor(math.log10(std)) < 2 else 0)
+    if digits > 6 or max(abs(value), std) >= 1e5:
+        return f"{value:.3g} ± {std:.1g}"
+    return f"{value:.{max(digits, 0)}f} ± {std:.{max(digits, 0)}f}"
+
+
+def number(value: Any, digits: int = 3) -> str:
+    """Write a number with `digits` significant digits and no exponent where a person can do without."""
+    if not isinstance(value, (int, float)) or not math.isfinite(value):
+        return "unknown"
+    if value == 0 or not 1e-4 <= abs(value) < 1e5:
+        return f"{value:.{digits}g}"
+    text = f"{value:.{max(digits - 1 - math.floor(math.log10(abs(value))), 0)}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def _judged(diagnosis: Content) -> tuple[str, Content]:
+    fit = diagnosis.get("fit") or {}
+    return ("unseen run", fit["holdout"]) if fit.get("holdout") else ("same recordings", fit.get("train") or {})
+
+
+def _error(diagnosis: Content) -> str:
+    """Give the largest error of the fit that judges, in words."""
+    name, fit = _judged(diagnosis)
+    values = [value for value in fit.get("rmse_rigid") or [] if isinstance(value, (int, float))]
+    if not values:
+        return ""
+    k = values.index(max(values))
+    return f"{number(values[k])} {_unit(diagnosis, k)} on the {name}"
+
+
+def _unit(diagnosis: Content, motor: int) -> str:
+    unit = (diagnosis.get("fit") or {}).get("unit", "N m")
+    return unit if isinstance(unit, str) else unit[motor]
+
+
+def _when(entry: Content) -> str:
+    time = entry.get("time")
+    return f" between {number(time[0], 4)} and {number(time[1], 4)} s" if time else ""
+
+
+def _listed(words: Sequence[str], last: str = "and") -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}" if words else ""
+
+
+def _either(words: Sequence[str]) -> str:
+    return _listed(words, "or")

@@ -1,0 +1,151 @@
+"""Diagnosis end to end: the right name at the right place, nothing where nothing is, no name where there is none."""
+
+import json
+
+import numpy as np
+import pytest
+
+from cdm_pin.cli import main
+from cdm_pin.diagnose import diagnose, distinct
+from cdm_pin.model import load_model
+from cdm_pin.plant.draw import draw
+from cdm_pin.problem import make_band
+from cdm_pin.recording import Recording, load_recording
+
+KEYS = {
+    "schema",
+    "verdict",
+    "rigid_body",
+    "findings",
+    "fit",
+    "sensitivity",
+    "unexplained",
+    "next_experiment",
+}
+
+
+def blind(folder, seed, effects, **options):
+    """Draw a trial on the independent plant and load what a user would have."""
+    trial = draw(seed, effects=effects, n_links=2, duration=40.0, **options)
+    files = trial.write(folder)
+    model = load_model(files["manipulator"])
+    runs = [load_recording(path, model) for path in files["recordings"]]
+    unseen = [load_recording(path, model) for path in files["holdout"]]
+    return model, runs, unseen, trial.truth, files
+
+
+def names(finding):
+    """Every name and place that a finding stands for."""
+    return [(f["effect"], f["location"]) for f in [finding, *finding["indistinguishable_from"]]]
+
+
+@pytest.fixture(scope="module")
+def dry(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("dry")
+    return blind(folder, 3, ["coulomb_friction"], positions="joint", bits=17, noise="white")
+
+
+@pytest.fixture(scope="module")
+def dry_diagnosis(dry):
+    model, runs, unseen, _, _ = dry
+    return diagnose(model, runs, unseen)
+
+
+def test_dry_friction_is_named_sized_and_judged(dry, dry_diagnosis):
+    """One dry friction: found alone, at its place, within four standard errors; the unseen run falls to its floor."""
+    content = dry_diagnosis.content
+    truth = dry[3]["effects"][0]
+    assert set(content) >= KEYS
+    assert content["verdict"] == "missing_physics"
+    (finding,) = content["findings"]
+    assert (truth["effect"], truth["location"]) in names(finding)
+    assert finding["evidence"]["holdout_rmse_reduction"] > 0.3
+    value = finding["parameters"]["coulomb"]
+    assert abs(value["value"] - truth["parameters"]["coulomb"]) < max(4 * value["std"], 0.02 * value["value"])
+    unseen = content["fit"]["holdout"]
+    assert max(np.array(unseen["rmse_augmented"]) / np.array(unseen["noise_floor"])) < 1.5
+    assert content["sensitivity"]
+
+
+def test_order_and_copies_do_not_matter(dry, dry_diagnosis):
+    """A copy of a recording is not new evidence, whatever its place in the list."""
+    model, runs, unseen, _, _ = dry
+    assert len(distinct([*runs, *runs, *unseen])) == len(runs) + len(unseen)
+    again = diagnose(model, [*runs, *runs], unseen).content
+    assert again["findings"] == dry_diagnosis.content["findings"]
+
+
+def test_the_completed_model_is_complete(dry, dry_diagnosis, tmp_path):
+    """Diagnosed again from model.yaml, the same recordings ask for nothing more."""
+    from cdm_pin.manipulator import save_manipulator
+
+    save_manipulator(dry_diagnosis.manipulator, tmp_path / "model.yaml")
+    model = load_model(tmp_path / "model.yaml")
+    assert diagnose(model, dry[1], dry[2]).content["verdict"] == "consistent"
+
+
+def test_wrong_masses_alone_are_consistent(tmp_path):
+    """Where only the masses in the file are wrong nothing is missing; what differs from the file is listed."""
+    model, runs, unseen, _, _ = blind(tmp_path, 11, 0, positions="joint", bits=17, noise="white")
+    content = diagnose(model, runs, unseen).content
+    assert content["verdict"] == "consistent"
+    assert content["findings"] == []
+    assert content["rigid_body"]["changed"]
+    assert all(row["amplitude"] is None or row["amplitude"] > 0 for row in content["sensitivity"])
+
+
+def test_unknown_physics_gets_no_name(tmp_path):
+    """A torque at one angle, which no entry of the catalogue is, is placed but not named."""
+    model, runs, unseen, truth, _ = blind(tmp_path, 5, ["torque_bump"], positions="joint", bits=17, noise="white")
+    content = diagnose(model, runs, unseen).content
+    assert content["verdict"] == "unexplained"
+    assert content["findings"] == []
+    joint = truth["effects"][0]["location"]["index"]
+    place = content["unexplained"]["location"]
+    assert place["index"] == joint or place["kind"] != "joint"
+
+
+def test_little_data_is_not_bad_input(dry):
+    """Half a second, or a robot at rest, is answered with `insufficient_data`."""
+    model, runs, _, _, _ = dry
+    run = runs[0]
+    short = Recording(run.time[:100], {name: x[:100] for name, x in run.channels.items()})
+    assert diagnose(model, [short]).content["verdict"] == "insufficient_data"
+    still = Recording(run.time, {name: 0 * x + x[:1] for name, x in run.channels.items()})
+    assert diagnose(model, [still]).content["verdict"] == "insufficient_data"
+
+
+def test_the_command_writes_all_it_promises(dry, tmp_path, capsys):
+    """`cdm-pin diagnose` writes diagnosis, report and model; without a hold-out findings are unconfirmed."""
+    files = dry[4]
+    out = tmp_path / "out"
+    status = main(["diagnose", str(files["manipulator"]), str(files["recordings"][0]), "-o", str(out)])
+    assert status == 0
+    content = json.loads((out / "diagnosis.json").read_text())
+    assert content["findings"][0]["unconfirmed"]
+    assert content["fit"]["holdout"] is None
+    assert "<html" in (out / "report.html").read_text()
+    assert load_model(out / "model.yaml").manipulator.effects
+    assert "dry friction" in capsys.readouterr().out
+
+
+def test_bad_input_is_one_line(dry, tmp_path, capsys):
+    """A recording of another robot is refused in one line with status 2 and nothing is written."""
+    files = dry[4]
+    wrong = tmp_path / "wrong.csv"
+    wrong.write_text("time,joint_position_1,motor_torque_1\n" + "\n".join(f"{k / 100},0,0" for k in range(300)))
+    out = tmp_path / "out"
+    assert main(["diagnose", str(files["manipulator"]), str(wrong), "-o", str(out)]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert not out.exists()
+
+
+def test_the_band_passes_slow_motion_unchanged():
+    """The common filter keeps what is below its cut-off, without phase, at every kept sample."""
+    band = make_band(200.0, 8.0)
+    t = np.arange(4000) / 200.0
+    x = np.sin(2 * np.pi * 1.3 * t)
+    y = band.reduce(x[None])[0]
+    ((start, stop),) = band.segments(np.ones(4000, bool))
+    assert np.allclose(y[start:stop], x[:: band.step][start:stop], atol=5e-3)
+    assert band.reduce(np.sin(2 * np.pi * 40.0 * t)[None])[0, start:stop].std() < 5e-3

@@ -1,0 +1,208 @@
+"""The catalogue: parameters there and back, places, columns, and the completed model run forward."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cdm_pin.completed import added_torque, effect_candidates, find_place
+from cdm_pin.effects import CATALOGUE, dahl, delayed, maxwell
+from cdm_pin.errors import ManipulatorError
+from cdm_pin.manipulator import with_effects
+from cdm_pin.model import build_model, load_model
+from cdm_pin.motion import Motion
+
+PARAMETERS = {
+    "viscous_friction": {"viscous": 0.2},
+    "coulomb_friction": {"coulomb": 0.3},
+    "stribeck_friction": {"coulomb": 0.3, "stribeck": 0.1, "stribeck_velocity": 0.2},
+    "asymmetric_friction": {"coulomb_positive": 0.3, "coulomb_negative": 0.2},
+    "quadratic_drag": {"coefficient": 0.1},
+    "load_dependent_friction": {"coefficient": 0.001},
+    "torque_dependent_friction": {"coefficient": 0.05},
+    "position_dependent_friction": {"coulomb": 0.3, "depth": 0.5, "cycles": 2.0, "phase": 0.4},
+    "cable_friction": {"coulomb": 0.3},
+    "capstan_friction": {"mu": 0.02},
+    "hysteresis": {"stiffness": 20.0, "limit": 0.4, "form": 0.0},
+    "friction_drift": {"friction": 0.3, "extra": 0.8, "time_constant": 5.0},
+    "joint_spring": {"stiffness": 2.0, "rest": 0.3, "cubic": 0.7},
+    "cable_elasticity": {"stiffness": 120.0, "damping": 0.5},
+    "backlash": {"half_gap": 0.01},
+    "cable_slack": {"torque": 1.5, "stiffness": 120.0},
+    "transmission_ratio_error": {"relative_error": 0.04},
+    "transmission_coupling": {"ratio": 0.4, "inertia": 0.01, "viscous": 0.02, "coulomb": 0.1},
+    "pulley_eccentricity": {"relative_eccentricity": 0.03, "phase": 0.5},
+    "torque_ripple": {"amplitude": 0.2, "cycles": 9.0, "phase": 0.7},
+    "rotor_inertia": {"inertia": 0.02},
+    "torque_gain_error": {"gain": 1.08},
+    "torque_offset": {"offset": -0.2},
+    "encoder_offset": {"offset": 0.05},
+    "base_tilt": {"angle": 0.06},
+    "time_delay": {"delay": 0.012},
+    "external_torque": {"torque": 0.4, "start": 2.0, "end": 4.0, "recording": 1.0},
+}
+
+
+def make_motion(model, duration=8.0, rate=200.0, **options):
+    """Swing all joints with two sines each."""
+    t = np.arange(int(duration * rate)) / rate
+    n = model.n_joints
+    phase = np.arange(n)
+    q = np.zeros((len(t), n))
+    v, a = q.copy(), q.copy()
+    for size, w in ((0.4, 1.7), (0.25, 3.1)):
+        x = w * t[:, None] * (1 + 0.13 * phase) + phase
+        k = w * (1 + 0.13 * phase)
+        q += size * np.sin(x)
+        v += size * k * np.cos(x)
+        a -= size * k**2 * np.sin(x)
+    B = model.motor_from_joint.T
+    return Motion(
+        model=model,
+        time=t,
+        q=q,
+        v=v,
+        a=a,
+        q_m=model.motor_position(q),
+        v_m=v @ B,
+        a_m=a @ B,
+        velocity_noise=np.zeros(model.n_motors),
+        pretension=80.0,
+        **{"joints_measured": True, "motors_measured": False, **options},
+    )
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return load_model("urdf/planar3.yaml")
+
+
+def test_every_effect_has_an_example():
+    """The table of this test names the whole catalogue, but for the payload, which is rigid-body inertia."""
+    assert set(PARAMETERS) == set(CATALOGUE)
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_parameters_there_and_back(name):
+    """Coefficients and shape of physical parameters give the same physical parameters again."""
+    effect = CATALOGUE[name]
+    beta, shape = effect.coefficients(PARAMETERS[name])
+    back = effect.physical(beta, shape)
+    for key, value in PARAMETERS[name].items():
+        assert back[key] == pytest.approx(value, rel=1e-9), key
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+@pytest.mark.parametrize("sides", [(True, False), (False, True), (True, True)])
+def test_columns_are_finite_everywhere(arm, name, sides):
+    """Each effect gives finite columns at each of its places, for each shape of its grid, whatever was measured."""
+    motion = make_motion(arm, joints_measured=sides[0], motors_measured=sides[1])
+    for place in CATALOGUE[name].places(arm):
+        for shape in CATALOGUE[name].grid([motion], place)[:3]:
+            columns = CATALOGUE[name].columns(motion, place, shape)
+            for values in (columns.torque, columns.kinematic, *(columns.along or ())):
+                assert values is None or np.isfinite(values).all()
+
+
+def test_dry_friction_takes_power(arm):
+    """Friction laws never give power: the torque they add times the motors' speed is never negative."""
+    motion = make_motion(arm)
+    for name in ("viscous_friction", "coulomb_friction", "stribeck_friction", "quadratic_drag", "cable_friction"):
+        effect = CATALOGUE[name]
+        for place in effect.places(arm):
+            series, w = effect.columns(motion, place, effect.coefficients(PARAMETERS[name])[1]).along
+            power = (effect.coefficients(PARAMETERS[name])[0] @ series) * (motion.v_m @ w)
+            assert power.min() > -1e-12, (name, place.location)
+
+
+def test_joint_friction_enters_by_virtual_work(arm):
+    """A torque f at joint i asks E' e_i f of the motors: +f on its own cable and -f on the one before."""
+    motion = make_motion(arm)
+    model = build_model(
+        with_effects(
+            arm.manipulator,
+            (
+                {
+                    "effect": "viscous_friction",
+                    "location": {"kind": "joint", "index": 2},
+                    "parameters": {"viscous": 2.0},
+                },
+            ),
+        )
+    )
+    added = added_torque(motion.with_model(model))
+    expected = 2.0 * motion.v[:, [1]] * arm.joint_from_motor[1]
+    assert np.allclose(added, expected, atol=1e-12)
+    assert added[:, 0] == pytest.approx(-added[:, 1])
+
+
+def test_exact_effects_of_the_rigid_body(arm):
+    """First-order columns of encoder offset and tilt agree with finite changes of the model's torque."""
+    motion = make_motion(arm)
+    for name, small in (("encoder_offset", 1e-4), ("base_tilt", 1e-4)):
+        effect = CATALOGUE[name]
+        place = effect.places(arm)[0]
+        column = effect.columns(motion, place, ()).torque[..., 0]
+        if name == "encoder_offset":
+            q = motion.q.copy()
+            q[:, 0] -= small
+            moved = replace(motion, q=q).tau_m
+        else:
+            model = arm.pin_model.copy()
+            c, s = np.cos(small), np.sin(small)
+            g = arm.chain.gravity
+            model.gravity.linear = np.array([c * g[0] + s * g[1], -s * g[0] + c * g[1], g[2]])
+            moved = motion.with_model(replace(arm, pin_model=model)).tau_m
+        assert np.allclose((moved - motion.tau_m) / small, column, atol=2e-3 * np.abs(column).max())
+
+
+def test_hysteresis_forgets_and_saturates():
+    """Both laws with memory stay within one, reach it far from a reversal, and do not depend on the speed."""
+    x = np.concatenate([np.linspace(0, 1, 400), np.linspace(1, -1, 800), np.linspace(-1, 0, 400)])
+    for z in (dahl(x, 0.05), maxwell(x, 0.05, 2.0)):
+        assert np.abs(z).max() <= 1 + 1e-12
+        assert z[399] == pytest.approx(1.0, abs=1e-3)
+        assert z[1199] == pytest.approx(-1.0, abs=1e-3)
+    slow = dahl(np.repeat(x, 3), 0.05)[2::3]
+    assert np.allclose(slow, dahl(x, 0.05), atol=1e-12)
+
+
+def test_delay_shifts():
+    """A delay moves a sine along the time axis."""
+    t = np.arange(2000) / 200.0
+    x = np.sin(2 * np.pi * 0.7 * t)[:, None]
+    assert np.allclose(
+        delayed(x, 200.0, 0.05)[300:-300], np.sin(2 * np.pi * 0.7 * (t - 0.05))[300:-300, None], atol=1e-3
+    )
+
+
+def test_places_by_name_and_alias():
+    """Places are found by their own name and by another name for the same coordinate."""
+    arm = load_model("urdf/cdm2.yaml")
+    coulomb = CATALOGUE["coulomb_friction"]
+    joint = find_place(arm, coulomb, {"kind": "joint", "index": 1})
+    motor = find_place(arm, coulomb, {"kind": "motor", "index": 1})
+    assert np.allclose(joint.weights(arm), motor.weights(arm))
+    assert motor.location == {"kind": "motor", "index": 1}
+    with pytest.raises(ManipulatorError, match="cannot sit at"):
+        find_place(arm, coulomb, {"kind": "joint", "index": 9})
+
+
+@pytest.mark.parametrize(
+    ("record", "words"),
+    [
+        ({"effect": "coulomb_fricton", "location": {"kind": "joint", "index": 1}}, "did you mean 'coulomb_friction'"),
+        (
+            {"effect": "coulomb_friction", "location": {"kind": "joint", "index": 1}, "parameters": {"colomb": 1.0}},
+            "did you mean 'coulomb'",
+        ),
+        (
+            {"effect": "cable_elasticity", "location": {"kind": "cable", "index": 1}, "parameters": {}},
+            "needs the parameters stiffness",
+        ),
+    ],
+)
+def test_wrong_effects_are_refused(arm, record, words):
+    """A misspelt effect or parameter is an error that names the nearest known one."""
+    with pytest.raises(ManipulatorError, match=words):
+        effect_candidates(build_model(with_effects(arm.manipulator, (record,))))

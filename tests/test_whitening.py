@@ -1,0 +1,57 @@
+"""Whitening, its care about what is not noise, and tails that do not underflow."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.stats import chi2
+
+from cdm_pin.whitening import fit_whitener, log_p, quiet_segments
+
+
+def coloured(rng, n, channels=2):
+    e = rng.normal(size=(channels, n))
+    e[1] = 0.6 * e[0] + 0.8 * e[1]
+    return lfilter([1.0], [1.0, -1.2, 0.5], e, axis=1) * np.array([[0.1], [3.0]])[:channels]
+
+
+def test_whitened_noise_is_white():
+    """Autoregressive noise correlated over channels becomes unit white noise."""
+    rng = np.random.default_rng(0)
+    x = coloured(rng, 6000)
+    segments = [[(0, 3000), (3100, 6000)]]
+    white = fit_whitener([x], segments, 12)(x[None], segments[0])[0]
+    assert np.mean(white**2) == pytest.approx(1.0, abs=0.03)
+    rows = fit_whitener([x], segments, 12)(x[None], [(0, 3000)]).reshape(2, -1)
+    assert abs(np.corrcoef(rows)[0, 1]) < 0.05
+    for row in rows:
+        assert abs(np.corrcoef(row[1:], row[:-1])[0, 1]) < 0.05
+
+
+def test_a_constant_is_not_noise():
+    """An offset that is still unexplained leaves the whitener as it is without it."""
+    rng = np.random.default_rng(1)
+    x, segments = coloured(rng, 4000), [[(0, 4000)]]
+    a = fit_whitener([x], segments, 8).coefficients
+    b = fit_whitener([x + 50.0], segments, 8).coefficients
+    assert np.allclose(a, b)
+
+
+def test_quiet_segments_leave_a_push_out():
+    """A push that stands out is cut from the segments; nothing is cut from plain noise."""
+    rng = np.random.default_rng(2)
+    x, segments = rng.normal(size=(2, 3000)), [[(0, 3000)]]
+    assert quiet_segments([x], segments) == [[(0, 3000)]]
+    x[0, 1000:1200] += 30.0
+    (quiet,) = quiet_segments([x], segments)
+    assert all(not (a < 1190 and b > 1010) for a, b in quiet)
+    assert sum(b - a for a, b in quiet) > 2600
+
+
+def test_tails_do_not_underflow():
+    """The logarithm of the tail is scipy's where that is finite, and falls on where it is not."""
+    for k in (1, 2, 5):
+        assert log_p(40.0, k) == pytest.approx(chi2.logsf(40.0, k))
+        far = [log_p(x, k) for x in (2e3, 1e4, 1e6)]
+        assert far == sorted(far, reverse=True)
+        assert np.isfinite(far).all()
+        assert log_p(2e3, k) == pytest.approx(-1e3, rel=0.02)
