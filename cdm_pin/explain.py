@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .effects import Candidate
+from .events import Reporter
 from .selection import Bank, Fit, ProgressCallback, Score, Search, all_candidates, family_wise, tones
 
 
@@ -80,18 +81,20 @@ def explain(search: Search, progress: ProgressCallback | None = None) -> Explana
     -------
     Explanation
     """
-    say = progress or (lambda step, fraction: None)
+    say = Reporter(search, progress)
     say("columns of every effect", 0.0)
     bank = search.bank([*all_candidates(search.problem), *tones(search)])
     accepted: list[Candidate] = []
     for turn in range(3):
         say("searching", 0.1 + 0.25 * turn)
-        grown = _grow(search, bank, accepted)
+        grown = _grow(search, bank, accepted, say)
         accepted = patch(search, bank, grown) or grown
         if len(grown) < search.settings.at_once and accepted is grown:
             break
     say("rivals", 0.9)
-    return explained(search, bank, prune(search, accepted))
+    explanation = explained(search, bank, prune(search, accepted))
+    say.looked(explanation.fit)
+    return explanation
 
 
 def explained(search: Search, bank: Bank, accepted: list[Candidate]) -> Explanation:
@@ -102,7 +105,7 @@ def explained(search: Search, bank: Bank, accepted: list[Candidate]) -> Explanat
     return Explanation(found, fit, rigid, bank, search.score_all(fit, bank))
 
 
-def _grow(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candidate]:
+def _grow(search: Search, bank: Bank, accepted: list[Candidate], say: Reporter) -> list[Candidate]:
     """Add effects of the catalogue, one by one, as long as the data ask for any, a few at once."""
     for _ in range(search.settings.at_once):
         if len(accepted) >= search.settings.most:
@@ -115,7 +118,9 @@ def _grow(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candida
             search, clear, bank, explained, accepted
         ):
             break
-        winner = _winner(search, clear, [c for c, _, _ in _leaders(search, clear, bank, 12, accepted)])
+        leaders = [c for c, _, _ in _leaders(search, clear, bank, 12, accepted)]
+        say.looked(clear, leaders)
+        winner = _winner(search, clear, leaders)
         if winner is None:
             break
         accepted = polish(search, bank, [*accepted, winner[0]])

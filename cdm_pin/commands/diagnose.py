@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
+from typing import Any
 
-from ..console import emit, plain, progress_bar, table
+from ..console import emit, plain, table
 from ..files import whole_folder
 from ..manipulator import save_manipulator
 from ..model import load_model
@@ -16,10 +17,13 @@ from ..wording import quantity, sentence
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
+    from ..viewer import add_view_arguments
+
     parser.add_argument("manipulator", help="manipulator.yaml or model.yaml")
     parser.add_argument("recordings", nargs="+", metavar="recording", help="recordings to learn from")
     parser.add_argument("--holdout", action="append", default=[], metavar="RECORDING", help="a recording to judge on")
     parser.add_argument("-o", "--output", required=True, metavar="DIR", help="output folder")
+    add_view_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -27,17 +31,26 @@ def run(args: argparse.Namespace) -> int:
     from ..diagnose import diagnose
     from ..gather import gather
     from ..report import write_report
+    from ..viewer import watch
 
     model = load_model(args.manipulator)
     recordings = [load_recording(path, model) for path in args.recordings]
     holdout = [load_recording(path, model) for path in args.holdout]
-    with progress_bar(args) as progress:
-        result = diagnose(model, recordings, holdout, progress=progress)
-    content = plain(result.content)
-    with whole_folder(args.output) as folder:
-        (folder / "diagnosis.json").write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n")
-        save_manipulator(result.manipulator, folder / "model.yaml", Path(args.output))
-        write_report(folder / "report.html", content, gather(result), result.model)
+    with watch(args, model, recordings) as watching:
+        with watching.progress() as progress:
+            result = diagnose(model, recordings, holdout, progress=progress)
+        content = plain(result.content)
+        watching.tell(content)
+        with whole_folder(args.output) as folder:
+            (folder / "diagnosis.json").write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n")
+            save_manipulator(result.manipulator, folder / "model.yaml", Path(args.output))
+            write_report(folder / "report.html", content, gather(result), result.model)
+        emit(args, content, *_shown(content, args.output))
+    return 0
+
+
+def _shown(content: dict[str, Any], output: str) -> list[Any]:
+    """Put a diagnosis into words and a table."""
     rows = [
         [
             item["effect"],
@@ -48,9 +61,9 @@ def run(args: argparse.Namespace) -> int:
         ]
         for item in content["findings"]
     ]
-    shown = [table("Findings", ["effect", "where", "size", "delta BIC", "cannot be told from"], rows)] if rows else []
-    emit(args, content, sentence(content), *shown, f"Written: {args.output}/diagnosis.json, report.html, model.yaml")
-    return 0
+    header = ["effect", "where", "size", "delta BIC", "cannot be told from"]
+    shown = [table("Findings", header, rows)] if rows else []
+    return [sentence(content), *shown, f"Written: {output}/diagnosis.json, report.html, model.yaml"]
 
 
 def _place(location: dict) -> str:

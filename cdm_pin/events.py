@@ -1,0 +1,66 @@
+"""What a search tells those who listen: who is under suspicion, who was accepted, and the error that is left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from .effects import Candidate
+from .geometry import Vector
+from .selection import Fit, Search
+
+
+class Reporter:
+    """Passes the steps of a search on as ``progress(step, fraction, **news)``.
+
+    News (`suspects` and `accepted` as ``{effect, location}``, `residual` as rms per motor) are made only for callbacks
+    with a true attribute `wants_news`, so that a search nobody watches pays nothing for it.
+
+    Parameters
+    ----------
+    search : Search
+    progress : callable, optional
+    """
+
+    def __init__(self, search: Search, progress: Callable[..., None] | None = None):
+        self.search, self.progress = search, progress
+        self._step, self._fraction = "", 0.0
+
+    def __call__(self, step: str, fraction: float) -> None:
+        """Name the step and the fraction done."""
+        self._step, self._fraction = step, fraction
+        if self.progress is not None:
+            self.progress(step, fraction)
+
+    def looked(self, fit: Fit, suspects: Sequence[Candidate] = ()) -> None:
+        """Say what stands in the model now, and what comes into question next."""
+        if self.progress is None or not getattr(self.progress, "wants_news", False):
+            return
+        accepted = [entry(candidate) for candidate in fit.effects]
+        asked = [e for e in map(entry, suspects) if e not in accepted]
+        news: dict[str, Any] = {"suspects": asked, "accepted": accepted}
+        if self.search.problem.torque:
+            news["residual"] = left_over(self.search, fit)
+        self.progress(self._step, self._fraction, **news)
+
+
+def entry(candidate: Candidate) -> dict[str, Any]:
+    """Give effect and location of a candidate as the diagnosis format has them; what has no name is its location."""
+    location = dict(candidate.place.location)
+    return {"effect": candidate.effect.name, "location": location} if candidate.named else location
+
+
+def left_over(search: Search, fit: Fit) -> Vector:
+    """Compute the error of a fit in the band, rms per motor, shape (n_motors,) [N m]."""
+    own = [search.columns(candidate) for candidate in fit.effects]
+    total, count = np.zeros(search.problem.n_channels), 0
+    for r, segments in enumerate(search.problem.segments):
+        e = search.nominal[r] - np.tensordot(fit.base, search.rigid[r], 1)
+        for columns, beta in zip(own, fit.beta, strict=True):
+            e = e - np.tensordot(beta, columns[r], 1)
+        for start, stop in segments:
+            total += (e[:, start:stop] ** 2).sum(axis=1)
+            count += stop - start
+    return np.sqrt(total / max(count, 1))[: search.problem.model.n_motors]
