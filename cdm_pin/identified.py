@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from .console import plain
-from .effects import CATALOGUE
+from .effects import CATALOGUE, Effect
 from .estimators import per_joint
 from .files import read_text, write_text
 from .geometry import Link, Manipulator, Vector, frozen_array
@@ -150,19 +150,43 @@ def effect_records(result: Identification, *, values: Vector | None = None) -> l
         term = result.terms[members[0]]
         effect = CATALOGUE[term.effect]
         shape = result.train.visits[0].shapes[result.plan.terms.index(term)]
-        fitted = [base + k for k in members]
+        places = [result.terms[k].number for k in members]  # a coefficient that cannot be told from others is zero
         if values is not None:
-            parameters: dict[str, Any] = effect.physical(values[members], shape)
+            parameters: dict[str, Any] = effect.physical(_filled(values[members], places, effect), shape)
             parameters |= {"width": shape[0]} if effect.nuisance_shape else {}
-        elif result.reliable[fitted].all():
-            found = effect.physical(result.fit.values[fitted], shape)
+        elif result.reliable[[base + k for k in members]].all():
+            fitted = [base + k for k in members]
+            found, std = _physical(effect, shape, places, result.fit.values[fitted], result.covariance[fitted][:, fitted])
             units = {parameter.name: parameter.unit for parameter in effect.parameters}
-            known = dict(zip(found, result.std[fitted], strict=False)) if len(found) == len(fitted) else {}
-            parameters = {n: {"value": v, "std": known.get(n), "unit": units[n]} for n, v in found.items()}
+            parameters = {n: {"value": v, "std": std[n], "unit": units[n]} for n, v in found.items()}
         else:
             continue
         records.append({"effect": effect.name, "location": term.place.location, "parameters": parameters})
     return records
+
+
+def _filled(values: Vector, places: Sequence[int], effect: Effect) -> Vector:
+    full = np.zeros(len(effect.signs))
+    full[list(places)] = values
+    return full
+
+
+def _physical(
+    effect: Effect, shape: tuple[float, ...], places: Sequence[int], values: Vector, covariance: Vector
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Give the physical parameters of fitted coefficients, and their standard deviations to first order."""
+
+    def physical(beta: Vector) -> dict[str, float]:
+        return effect.physical(_filled(beta, places, effect), shape)
+
+    found, std = physical(values), np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    steps = np.maximum(1e-6 * np.abs(values), 1e-6 * std) + 1e-300
+    slopes = []
+    for k, step in enumerate(steps):
+        up, down = (physical(values + sign * step * np.eye(len(values))[k]) for sign in (1, -1))
+        slopes.append([(up[name] - down[name]) / (2 * step) for name in found])
+    J = np.array(slopes).T
+    return found, dict(zip(found, map(float, np.sqrt(np.maximum(np.diag(J @ covariance @ J.T), 0.0))), strict=True))
 
 
 def _per_joint(result: Identification) -> list[dict[str, Any]]:

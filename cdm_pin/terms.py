@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from .base import BaseParameters, present_columns
-from .effects import CATALOGUE, Place, all_motor_places, joint_places
+from .effects import CATALOGUE, Effect, Place, all_motor_places, joint_places
 from .errors import InputError, nearest
 from .model import CableModel
 
@@ -39,6 +41,7 @@ class Term:
         where = self.place.location
         words = [str(where[key]) for key in ("kind", "index") if key in where]
         words += [f"{key} {value}" for key, value in where.items() if key not in ("kind", "index", "weights")]
+        words += [f"{value:+.4g} motor {i}" for i, value in enumerate(where.get("weights", ()), 1) if value]
         return " ".join([self.effect, *words]) + (f" ({self.number + 1})" if self.number else "")
 
     @property
@@ -49,7 +52,11 @@ class Term:
 
 
 def parse_effects(model: CableModel, wanted: Sequence[str]) -> tuple[Term, ...]:
-    """Find effects by name, each optionally with its places, as in ``coulomb_friction:joint2``.
+    """Find effects by name, each optionally with its place.
+
+    A place is a kind, with or without a number (``coulomb_friction:joint2``), the name of a joint or of a motor
+    (``joint_spring:roll_joint``), or for parts that rub on each other a sum or difference of such
+    (``coulomb_friction:finger_2_joint-finger_1_joint``).
 
     Parameters
     ----------
@@ -77,20 +84,55 @@ def parse_effects(model: CableModel, wanted: Sequence[str]) -> tuple[Term, ...]:
 
 
 def _places(model: CableModel, text: str, where: str) -> list[Place]:
-    name = text.partition(":")[0]
+    name, where = text.partition(":")[0], where.strip()
     own = CATALOGUE[name].places(model)
-    kind = where.strip().rstrip("0123456789").strip()
-    index = where.strip()[len(kind) :].strip()
+    kind = where.rstrip("0123456789").strip()
+    index = where[len(kind) :].strip()
     if "friction" in name or name == "rotor_inertia":
         own = {"": all_motor_places, "motor": all_motor_places}.get(kind, CATALOGUE[name].places)(model)
         own = joint_places(model) if kind == "joint" and "friction" in name else own
     places = [place for place in own if not kind or place.location["kind"] == kind]
     if index:
         places = [place for place in places if str(place.location.get("index")) == index]
+    places = places or _named_place(model, CATALOGUE[name], where)
     if not places:
         known = sorted({" ".join(str(p.location[k]) for k in ("kind", "index") if k in p.location) for p in own})
         raise InputError(f"{text!r} is nowhere on this robot; {name} can be at {', '.join(known)}", place="--effects")
     return places
+
+
+def _named_place(model: CableModel, effect: Effect, where: str) -> list[Place]:
+    """Find a joint or motor by its name, or a coordinate that sums or subtracts some."""
+    own = _location(model, where)
+    if own is not None:
+        places = [place for place in effect.places(model) if own == place.location or own in place.aliases]
+        return places or [p for p in all_motor_places(model) if own == p.location and "friction" in effect.name]
+    parts = [part for part in re.split(r"([+-])", where.replace(" ", "")) if part]
+    if "friction" not in effect.name or len(parts) < 3:
+        return []
+    weights, sign = np.zeros(model.n_motors), 1.0
+    for part in parts:
+        found = _location(model, part)
+        if part in "+-":
+            sign = -1.0 if part == "-" else 1.0
+        elif found is None:
+            return []
+        else:
+            rows = model.joint_from_motor if found["kind"] == "joint" else np.eye(model.n_motors)
+            weights += sign * rows[found["index"] - 1]
+    location = {"kind": "combination", "weights": [float(x) for x in weights]}
+    return [Place(location, (0.0,) * model.n_joints, tuple(location["weights"]))] if weights.any() else []
+
+
+def _location(model: CableModel, name: str) -> dict[str, Any] | None:
+    """Find a joint or motor by its name, or by kind and number."""
+    for kind, known in (("joint", model.joints), ("motor", model.motors)):
+        if name in known:
+            return {"kind": kind, "index": known.index(name) + 1}
+        number = name.removeprefix(kind)
+        if name.startswith(kind) and number.isdigit() and 1 <= int(number) <= len(known):
+            return {"kind": kind, "index": int(number)}
+    return None
 
 
 @dataclass(frozen=True)
