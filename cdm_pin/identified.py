@@ -156,7 +156,9 @@ def effect_records(result: Identification, *, values: Vector | None = None) -> l
             parameters |= {"width": shape[0]} if effect.nuisance_shape else {}
         elif result.reliable[[base + k for k in members]].all():
             fitted = [base + k for k in members]
-            found, std = _physical(effect, shape, places, result.fit.values[fitted], result.covariance[fitted][:, fitted])
+            found, std = _physical(
+                effect, shape, places, result.fit.values[fitted], result.covariance[fitted][:, fitted]
+            )
             units = {parameter.name: parameter.unit for parameter in effect.parameters}
             parameters = {n: {"value": v, "std": std[n], "unit": units[n]} for n, v in found.items()}
         else:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import norm
 
+from .accelerations import Acceleration, candidates, choose_accelerations, said, with_accelerations
 from .cables import cable_state
 from .completed import added_torque
 from .effects import CATALOGUE, Columns, speed_scale
@@ -33,6 +34,7 @@ BLOCK = 4096  # samples of the recording
 MOTION_BANDS = 6.0  # torque is fitted up to this many times the band of the motion: above it accelerations are noise
 FEWEST_SAMPLES = 60  # after decimation
 STILL = 4.0  # standard deviations of noise, after the light filter, that count as movement
+LONGEST = 1 << 15  # samples by which accelerations are chosen
 SIGN_WIDTH = 2e-3  # of the smooth sign of velocity, at least, in root mean square speeds
 
 
@@ -58,6 +60,8 @@ class Observation:
     notices : tuple of str
     left_out : dict of str to int
         Samples not used, by reason.
+    accelerations : tuple of Acceleration, length n_motors
+        How each motor's acceleration was made.
     """
 
     signals: Signals
@@ -69,6 +73,7 @@ class Observation:
     shapes: tuple[tuple[float, ...], ...]
     notices: tuple[str, ...]
     left_out: dict[str, int]
+    accelerations: tuple[Acceleration, ...] = ()
 
     @property
     def n_samples(self) -> int:
@@ -99,26 +104,62 @@ def observe(plan: Plan, recording: Recording) -> Observation:
         if (bad & valid).any():
             left_out[reason] = int((bad & valid).sum())
         valid &= ~bad
-    motion = _held(motion, still, still_m)
     noise, noise_m = _noise_like(plan.model, signals.logged, sigma, sigma_m)
-    shaken = _held(_motion(plan.model, signals, band.cutoff, q + noise, q_m + noise_m), still, still_m)
+    shaken = _motion(plan.model, signals, band.cutoff, q + noise, q_m + noise_m)
     notices = (
         f"both sides through one zero-phase low-pass of {band.cutoff:.3g} Hz, {signals.rate / band.step:.4g} samples/s",
         *(text for text in signals.notices if "zero-phase" not in text),  # that filter is not the one used here
         *_torque_check(plan.model, signals),
         *(f"{plan.model.joints[k]} is locked" for k in np.flatnonzero(still)),
     )
-    return Observation(
+    observation = Observation(
         signals=signals,
-        motion=motion,
-        shaken=shaken,
-        torque=torque - stated_torque(motion),
+        motion=_held(motion, still, still_m),
+        shaken=_held(shaken, still, still_m),
+        torque=torque - stated_torque(_held(motion, still, still_m)),
         band=band,
         segments=band.segments(valid),
         shapes=tuple(_shape(term, motion) for term in plan.terms),
         notices=notices,
         left_out=left_out,
     )
+
+    def tried(choice: Acceleration) -> tuple[Vector, Vector]:
+        made = with_accelerations(plan.model, motion, signals, q, q_m, (choice,) * plan.model.n_motors)
+        made = _held(made, still, still_m)
+        segments = _middle(observation.segments, LONGEST // band.step)
+        part = replace(observation, motion=made, torque=torque - stated_torque(made), segments=segments)
+        found = [(X, y) for _, X, y in rows(plan, part)]
+        X = np.concatenate([np.zeros((0, *plan.present.shape)), *(X for X, _ in found)])
+        return X, np.concatenate([np.zeros((0, plan.model.n_motors)), *(y for _, y in found)])
+
+    chosen = plan.accelerations
+    if chosen is None:
+        lowest = motion_band(signals)
+        chosen = choose_accelerations(candidates(signals, band.cutoff, lowest), tried, plan.present)
+    made = _held(with_accelerations(plan.model, motion, signals, q, q_m, chosen), still, still_m)
+    trembling = with_accelerations(plan.model, shaken, signals, q + noise, q_m + noise_m, chosen)
+    return replace(
+        observation,
+        motion=made,
+        shaken=_held(trembling, still, still_m),
+        torque=torque - stated_torque(made),
+        accelerations=chosen,
+        notices=(notices[0], *said(chosen, plan.model.motors), *notices[1:]),
+    )
+
+
+def _middle(segments: Segments, most: int) -> Segments:
+    """Keep at most so many samples, those around the middle."""
+    total = sum(stop - start for start, stop in segments)
+    skip, kept = max(total - most, 0) // 2, []
+    left = min(most, total)
+    for start, stop in segments:
+        start, skip = start + min(skip, stop - start), skip - min(skip, stop - start)
+        stop = min(stop, start + left)
+        left -= stop - start
+        kept += [(start, stop)] if stop > start else []
+    return kept
 
 
 def choose_band(model: CableModel, signals: Signals) -> float:

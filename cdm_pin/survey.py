@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from . import estimators
+from .accelerations import Acceleration
 from .base import random_states
 from .errors import InputError, RecordingError
 from .estimators import Colour, Fit, Moments
@@ -59,6 +60,7 @@ class Visit:
     notices : tuple of str
     left_out : dict of str to int
         Samples not used, by reason.
+    accelerations : tuple of Acceleration, length n_motors
     """
 
     name: str
@@ -75,6 +77,7 @@ class Visit:
     shapes: tuple[tuple[float, ...], ...]
     notices: tuple[str, ...]
     left_out: dict[str, int]
+    accelerations: tuple[Acceleration, ...]
 
 
 @dataclass(frozen=True)
@@ -135,18 +138,21 @@ class Survey:
         self.plan, self.workers, self.skip_bad = plan, workers, skip_bad
         self.progress: Progress = progress or (lambda step, fraction: None)
         self.tasks: list[Task] = []
+        self.accelerations: tuple[Acceleration, ...] | None = None
         self.freedom = 1, 0.0  # samples, independent values
 
     def visit(self, sources: Sequence[Source], step: str) -> Gathered:
         """Visit recordings for their moments; those visited first are the ones of all later visits."""
         kept = {} if self.workers.in_process and len(sources) <= 8 else None
-        tasks = [(self.plan, source, kept) for source in sources]
+        plan = replace(self.plan, accelerations=self.accelerations)  # those of the training, for a hold-out
+        tasks = [(plan, source, kept) for source in sources]
         visit = self._told_visit(tasks[0], step) if self._listened else reduce_recording
         results = self._run(visit, tasks, sources, step, skip_bad=self.skip_bad)
         good: list[Task] = []
         gathered = gather(self.plan, _noting(tasks, results, good), len(tasks) <= MANY)
         if not self.tasks:
             self.tasks = good
+            self.accelerations = _usual(gathered.visits)
             self.freedom = max(gathered.moments.n_samples, 1), gathered.independent
         return gathered
 
@@ -200,11 +206,17 @@ class Survey:
         )
 
 
+def _usual(visits: Sequence[Visit]) -> tuple[Acceleration, ...]:
+    """Per motor the middle one of the recordings' choices."""
+    per_motor = zip(*(visit.accelerations for visit in visits), strict=True)
+    return tuple(sorted(choices, key=lambda choice: choice.cutoff)[len(choices) // 2] for choices in per_motor)
+
+
 def _noting(tasks: Sequence[Task], results: Iterable[Any], good: list[Task]) -> Iterator[Any]:
     """Pass results on, and note the tasks of those that are visits."""
     for task, result in zip(tasks, results, strict=True):
         if isinstance(result, Visit):
-            good.append(task)
+            good.append((replace(task[0], accelerations=result.accelerations), *task[1:]))
         yield result
 
 
@@ -255,6 +267,7 @@ def reduce_recording(task: Task, tell: Tell | None = None) -> Visit:
         observation.shapes,
         observation.notices,
         observation.left_out,
+        observation.accelerations,
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .accelerations import Acceleration
 from .base import BaseParameters, present_columns
 from .effects import CATALOGUE, Effect, Place, all_motor_places, joint_places
 from .errors import InputError, nearest
@@ -150,6 +151,8 @@ class Plan:
         How many terms are asked for.
     cutoff : float or None
         Of the common filter [Hz]; None chooses it from each recording.
+    accelerations : tuple of Acceleration or None
+        How each motor's acceleration is made; None chooses from each recording.
     """
 
     model: CableModel
@@ -157,6 +160,7 @@ class Plan:
     terms: tuple[Term, ...]
     n_wanted: int
     cutoff: float | None = None
+    accelerations: tuple[Acceleration, ...] | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
