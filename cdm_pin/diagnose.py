@@ -18,6 +18,8 @@ from .geometry import Manipulator, Vector, frozen_array
 from .model import CableModel
 from .problem import Problem, make_problem
 from .recording import Recording
+from .replay import Replay, simulated_position
+from .replay_runs import replay_runs
 from .selection import Fit, ProgressCallback, Search, Settings, updated_model
 
 ONCE = ("external_torque", "unnamed_time", "unnamed_wear", "unnamed_gain_drift", "unnamed_tone")
@@ -41,6 +43,8 @@ class Diagnosis:
         Fits and scores behind it; None where the data are insufficient.
     search, holdout : Search or None
         The training and the unseen recordings.
+    replays : tuple of Replay
+        Recorded motion beside that of the rigid and of the completed model.
     """
 
     content: dict[str, Any]
@@ -49,6 +53,7 @@ class Diagnosis:
     explanation: Explanation | None = None
     search: Search | None = None
     holdout: Search | None = None
+    replays: tuple[Replay, ...] = ()
 
 
 def diagnose(
@@ -276,7 +281,9 @@ def _report(model: CableModel, search: Search, judge: Search | None, explanation
         "data": _data(search.problem),
     }
     completed = completed_manipulator(model, search, fit, tuple(records), covariance)
-    return Diagnosis(content, search.problem.model, completed, explanation, search, judge)
+    replays = replay_runs(search, judge, own_rigid, fit, completed)
+    content["fit"]["simulated_position"] = simulated_position(replays)
+    return Diagnosis(content, search.problem.model, completed, explanation, search, judge, replays)
 
 
 def _data(problem: Problem) -> dict[str, Any]:
