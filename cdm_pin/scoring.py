@@ -67,7 +67,8 @@ class Score:
     meetings : tuple of str
         Per true effect: "exact", "class", "rigid_body" or "missed".
     first_right : bool
-        The strongest finding meets a true effect; without findings to expect: there is none.
+        The strongest finding meets a true effect; without findings to expect: there is none, and what is in the rigid
+        body is listed there.
     false_findings : tuple of str
         Findings that meet no true effect, as "name at place".
     verdict_right : bool
@@ -133,10 +134,11 @@ def score(
     used: set[int] = set()
     parameters: list[ParameterScore] = []
     for effect, hidden in zip(named, rigid, strict=True):
-        meeting, index = _meet(effect, findings, n, positions)
-        if meeting == "class" and likeness is not None and not same(effect, findings[index], n, positions):
-            if likeness(truth["effects"].index(effect), findings[index]) < _ALIKE:
-                meeting, index = "missed", None
+
+        def alike(finding: Mapping[str, Any], effect=effect) -> bool:
+            return likeness is None or likeness(truth["effects"].index(effect), finding) >= _ALIKE
+
+        meeting, index = _meet(effect, findings, n, positions, alike)
         if meeting == "missed" and not hidden:
             pair = _split_asymmetry(effect, findings, n, positions)
             meeting, used = ("class", used | pair) if pair else (meeting, used)
@@ -152,7 +154,7 @@ def score(
     expected = "unexplained" if strange else "missing_physics" if not all(rigid) else "consistent"
     return Score(
         meetings=tuple(meetings),
-        first_right=(0 not in false) if findings else all(rigid),
+        first_right=(0 not in false) if findings else "missed" not in meetings,
         false_findings=tuple(f"{findings[k]['effect']} at {describe(findings[k]['location'])}" for k in false),
         verdict_right=diagnosis["verdict"] == expected,
         unexplained_right=_unexplained(strange, diagnosis) if strange else None,
@@ -231,13 +233,18 @@ def _normal(place: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in place.items() if value is not None}
 
 
-def _meet(effect, findings: Sequence[Mapping[str, Any]], n: int, positions: str) -> tuple[Meeting, int | None]:
+def _meet(
+    effect, findings: Sequence[Mapping[str, Any]], n: int, positions: str, alike: Callable[[Mapping[str, Any]], bool]
+) -> tuple[Meeting, int | None]:
     for k, finding in enumerate(findings):
         if finding["effect"] == effect["effect"] and _normal(finding["location"]) == _normal(effect["location"]):
             return "exact", k
     for k, finding in enumerate(findings):
+        if same(effect, finding, n, positions):
+            return "class", k
+    for k, finding in enumerate(findings):
         rivals = finding.get("indistinguishable_from") or []
-        if any(same(effect, rival, n, positions) for rival in [finding, *rivals[:_MOST_RIVALS]]):
+        if any(same(effect, rival, n, positions) for rival in rivals[:_MOST_RIVALS]) and alike(finding):
             return "class", k
     return "missed", None
 

@@ -36,8 +36,8 @@ from cdm_pin.wording import sentence
 SAY = output().print
 
 
-def seed_from_commit(commit: str, index: int = 0) -> int:
-    """Derive a seed from a commit hash, so that it could not have been chosen."""
+def seed_from_commit(commit: str, index: int | str = 0) -> int:
+    """Derive a seed from a commit hash (or any word), so that it could not have been chosen."""
     return int.from_bytes(hashlib.sha256(f"{commit}:{index}".encode()).digest()[:6], "big")
 
 
@@ -52,11 +52,17 @@ def conceal(folder: Path, seed: int, settings: dict[str, Any]) -> None:
     write_text(folder / "published" / "truth.sha256", hashlib.sha256(sealed.encode()).hexdigest() + "\n")
 
 
+def published(folder: Path, kind: str) -> list[Path]:
+    """List the recordings of one kind ("run" or "holdout"), by their conditions where these are stated."""
+    paths = sorted(folder.glob(f"{kind}_*.csv"))
+    return [own if (own := path.with_suffix(".yaml")).exists() else path for path in paths]
+
+
 def diagnose(folder: Path) -> dict[str, Any]:
     """Run the command on the published files, in a process that is told of nothing else."""
     seen = folder / "published"
-    holdouts = [word for path in sorted(seen.glob("holdout_*.csv")) for word in ("--holdout", path.name)]
-    runs = [path.name for path in sorted(seen.glob("run_*.csv"))]
+    runs = [path.name for path in published(seen, "run")]
+    holdouts = [word for path in published(seen, "holdout") for word in ("--holdout", path.name)]
     command = [sys.executable, "-m", "cdm_pin.cli", "diagnose", "manipulator.yaml", *runs, *holdouts]
     result = folder / "diagnosis"
     subprocess.run([*command, "-o", str(result.resolve()), "--quiet"], cwd=seen, check=True)
@@ -132,19 +138,52 @@ def trial(folder: Path, seed: int, settings: dict[str, Any]) -> Score:
     return result
 
 
+def add_trial_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what says how a trial is drawn; what is left out is drawn too."""
+    parser.add_argument("--plant", choices=("absolute", "mujoco"), default="absolute")
+    parser.add_argument("--effects", nargs="*", metavar="NAME", help="conceal these (default: drawn)")
+    parser.add_argument("--count", type=int, default=1, help="how many effects to draw; 0: nothing is wrong")
+    parser.add_argument("--links", type=int, help="2..6")
+    parser.add_argument("--size", choices=("plain", "quarter"), default="plain")
+    parser.add_argument("--visibility", type=float, help="scale the effect to this visibility")
+    parser.add_argument("--at-least", type=float, default=0.0, help="draw until every effect is this visible")
+    parser.add_argument("--strange", action="store_true", help="conceal something that no catalogue has")
+    parser.add_argument("--positions", choices=("joint", "motor", "both"))
+    parser.add_argument("--bits", type=int, choices=(14, 17), help="of the encoders")
+    parser.add_argument("--noise", choices=("white", "coloured"))
+    parser.add_argument("--motion", choices=("loop", "prescribed"))
+    parser.add_argument("--duration", type=float, default=60.0, help="of each recording [s]")
+    parser.add_argument("--recordings", type=int, default=1, help="to learn from")
+    parser.add_argument("--vary", nargs="*", choices=("pretension", "payload"), default=[], help="between recordings")
+
+
+def trial_settings(args: argparse.Namespace) -> dict[str, Any]:
+    """Give the settings of `cdm_pin.plant.draw.draw` that arguments ask for."""
+    return {
+        "effects": args.effects if args.effects is not None else args.count,
+        "plant": args.plant,
+        "n_links": args.links,
+        "size": args.size,
+        "visibility": args.visibility,
+        "at_least": args.at_least,
+        "out_of_catalogue": args.strange,
+        "positions": args.positions,
+        "bits": args.bits,
+        "noise": args.noise,
+        "motion": args.motion,
+        "duration": args.duration,
+        "n_recordings": args.recordings,
+        "conditions": args.vary,
+    }
+
+
 def main(argv: list[str] | None = None) -> int:
     """Parse arguments and run one trial; 0 whatever the tool found."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, help="default: at random")
     parser.add_argument("--commit", metavar="HASH", help="derive the seed from this commit hash instead")
-    parser.add_argument("--index", type=int, default=0, help="which of the seeds derived from the commit")
-    parser.add_argument("--plant", choices=("absolute", "mujoco"), default="absolute")
-    parser.add_argument("--effects", nargs="*", metavar="NAME", help="conceal these (default: drawn)")
-    parser.add_argument("--count", type=int, default=1, help="how many effects to draw; 0: nothing is wrong")
-    parser.add_argument("--links", type=int, help="2..6 (default: drawn)")
-    parser.add_argument("--size", choices=("plain", "quarter"), default="plain")
-    parser.add_argument("--visibility", type=float, help="scale the effect to this visibility")
-    parser.add_argument("--strange", action="store_true", help="conceal something that no catalogue has")
+    parser.add_argument("--index", default="0", help="which of the seeds derived from the commit")
+    add_trial_arguments(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="keep everything here (default: thrown away)")
     parser.add_argument("--conceal", help=argparse.SUPPRESS)
     args = parser.parse_args(argv)
@@ -155,14 +194,7 @@ def main(argv: list[str] | None = None) -> int:
     seed = args.seed if args.seed is not None else secrets.randbits(32)
     if args.commit:
         seed = seed_from_commit(args.commit, args.index)
-    settings = {
-        "effects": args.effects if args.effects is not None else args.count,
-        "plant": args.plant,
-        "n_links": args.links,
-        "size": args.size,
-        "visibility": args.visibility,
-        "out_of_catalogue": args.strange,
-    }
+    settings = trial_settings(args)
     try:
         if args.output:
             args.output.mkdir(parents=True, exist_ok=True)

@@ -24,12 +24,16 @@ def draw_arm(rng: np.random.Generator, n_links: int, *, rotors: bool) -> tuple[A
     scale = rng.uniform(6.0, 15.0)
     factor = scale / (9.81 * np.sum(mass * cx + beyond * length))
     mass, inertia = mass * factor, inertia * factor
-    radius, ratio = rng.uniform(0.04, 0.1), rng.choice([1.0, rng.uniform(0.3, 1.0)])
+    largest = _REACH * float(length.min())  # else the guide pulleys at a link's two ends would pass each other
+    radius, ratio = rng.uniform(0.04, min(0.1, largest)), rng.choice([1.0, rng.uniform(0.3, 1.0)])
     guide, offset, distance = _pulleys(radius)
     cable_angle = np.arcsin((radius + guide) / np.hypot(offset, distance)) - np.arctan2(offset, distance)
     rotor = rng.uniform(0.03, 0.12, n) * scale * 0.02 * ratio**2 if rotors else np.zeros(n)
     pretension = scale / (2.0 * radius) * rng.uniform(1.6, 3.0)
     return Arm(length, mass, cx, cy, inertia, gravity, rotor, ratio, radius, cable_angle, round(pretension, 1)), scale
+
+
+_REACH = 0.4  # of the shortest link, the largest joint pulley's radius; `_pulleys` puts the guides 1.24 radii away
 
 
 def _pulleys(radius: float) -> tuple[float, float, float]:

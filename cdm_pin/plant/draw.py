@@ -15,17 +15,19 @@ from typing import Any, Literal
 import numpy as np
 import yaml
 
-from ..errors import InputError, nearest
+from ..errors import InputError, SimulationError, nearest
 from ..files import whole_file, whole_folder
-from .absolute import Reference
 from .arms import arm_from_file, draw_arm, draw_reference, draw_servo, manipulator_file
 from .catalogue import CATALOGUE, EVERYTHING, draw_fault
 from .faults import Entry, Fault
 from .mujoco_run import CANNOT, simulate_in_mujoco
 from .oracle import Oracle, Scene
+from .planar import Arm
 from .run import altered, simulate_run
 from .sensing import Motion, Noise, Positions, Sensors, record, sampling_times
 from .strange import STRANGE
+
+Condition = Literal["pretension", "payload"]
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,8 @@ class Trial:
         JSON-able; see `cdm_pin.scoring`.
     scene : Scene
         What an oracle needs to know about the first recording.
+    conditions : tuple of dict
+        Per recording, hold-outs last: pretension [N] and payload [kg] where they are not those of the manipulator file.
     """
 
     manipulator: dict[str, Any]
@@ -49,24 +53,33 @@ class Trial:
     holdout: tuple[dict[str, np.ndarray], ...]
     truth: dict[str, Any]
     scene: Scene
+    conditions: tuple[dict[str, float], ...] = ()
 
     def write(self, folder: str | Path) -> dict[str, Any]:
-        """Write manipulator.yaml, run_i.csv, holdout_i.csv and truth.json; return their paths by those names."""
+        """Write the trial; return the paths of manipulator, truth, recordings and holdout by these names.
+
+        Recordings are run_i.csv and holdout_i.csv, with a run_i.yaml or holdout_i.yaml beside those that were made
+        under conditions of their own.
+        """
         folder = Path(folder)
-        runs = {f"run_{i + 1}.csv": r for i, r in enumerate(self.recordings)}
-        holdouts = {f"holdout_{i + 1}.csv": r for i, r in enumerate(self.holdout)}
+        names = [f"run_{i + 1}" for i in range(len(self.recordings))]
+        names += [f"holdout_{i + 1}" for i in range(len(self.holdout))]
+        own = dict(zip(names, self.conditions or [{}] * len(names), strict=True))
         with whole_folder(folder) as inside:
             (inside / "manipulator.yaml").write_text(
                 yaml.safe_dump(self.manipulator, sort_keys=False), encoding="utf-8"
             )
             (inside / "truth.json").write_text(json.dumps(self.truth, indent=1), encoding="utf-8")
-            for name, columns in (runs | holdouts).items():
-                write_csv(inside / name, columns)
+            for name, columns in zip(names, (*self.recordings, *self.holdout), strict=True):
+                write_csv(inside / f"{name}.csv", columns)
+                if own[name]:
+                    (inside / f"{name}.yaml").write_text(yaml.safe_dump({"file": f"{name}.csv"} | own[name]))
+        paths = [folder / f"{name}.{'yaml' if own[name] else 'csv'}" for name in names]
         return {
             "manipulator": folder / "manipulator.yaml",
             "truth": folder / "truth.json",
-            "recordings": [folder / name for name in runs],
-            "holdout": [folder / name for name in holdouts],
+            "recordings": paths[: len(self.recordings)],
+            "holdout": paths[len(self.recordings) :],
         }
 
 
@@ -97,15 +110,18 @@ def draw(
     duration: float = 60.0,
     n_recordings: int = 1,
     n_holdout: int = 1,
+    conditions: Sequence[Condition] = (),
 ) -> Trial:
     """Draw a blind trial; what is left open is drawn too.
+
+    An arm whose servo cannot follow is drawn again with a slower reference.
 
     Parameters
     ----------
     seed : int
         Everything follows from it and the other arguments.
     n_links : int, optional
-        2..6; drawn from 2, 3, 5.
+        2..6.
     effects : sequence of str or int
         Names of the effects, or how many to draw (0: clean).
     size : "plain", "quarter" or float
@@ -113,7 +129,8 @@ def draw(
     visibility : float, optional
         Scale the (last) effect until its visibility on the first recording is this, within 5 %.
     at_least : float
-        Redraw places and parameters, up to 20 times, until every effect is at least this visible.
+        Redraw places and parameters, up to 20 times, until every effect that is no part of a rigid body is at least
+        this visible.
     out_of_catalogue : bool
         Draw from laws that no catalogue has.
     positions, bits, noise : optional
@@ -130,14 +147,35 @@ def draw(
         Sampling [Hz] and length [s] of each recording.
     n_recordings, n_holdout : int
         How many recordings to train on and to hold out, each with its own trajectory.
+    conditions : sequence of "pretension", "payload"
+        What differs from the second recording on, and is stated with it; a payload is a point mass at the arm's end.
 
     Raises
     ------
     InputError
         If an effect is unknown or cannot be shown by the positions asked for.
+    SimulationError
+        If the servo cannot follow at any speed tried.
     """
+    settings = {name: value for name, value in locals().items() if name != "seed"}
+    for slower in _SLOWER[:-1]:
+        try:
+            return _draw(seed, slower, **settings)
+        except SimulationError:
+            continue
+    return _draw(seed, _SLOWER[-1], **settings)
+
+
+_SLOWER = (1.0, 0.75, 0.55, 0.4)
+_LINKS, _SHARE = (2, 3, 4, 5, 6), (0.3, 0.35, 0.1, 0.2, 0.05)
+
+
+def _draw(
+    seed, slower, n_links, effects, size, visibility, at_least, out_of_catalogue, positions, bits, noise, motion, plant,
+    jitter, tensions, rate, duration, n_recordings, n_holdout, conditions,
+) -> Trial:  # fmt: skip
     rng = np.random.default_rng(seed)
-    n = int(n_links or rng.choice([2, 3, 5]))
+    n = int(n_links or rng.choice(_LINKS, p=_SHARE))
     names = _names(rng, effects, n, _table(plant, out_of_catalogue), positions)
     compliant = any(EVERYTHING[name].compliant for name in names)
     arm, scale = draw_arm(rng, n, rotors=compliant or ("transmission_coupling" not in names and rng.random() < 0.4))
@@ -147,25 +185,30 @@ def draw(
     level = _noise(rng, 0.1 * scale * arm.ratio * np.ones(n), noise)
     looped = compliant or plant == "mujoco" or (motion or rng.choice(["loop", "prescribed"])) == "loop"
     servo = draw_servo(rng, model, scale) if looped else None
-    references = [draw_reference(rng, n, speed=rng.uniform(0.7, 1.3)) for _ in range(n_recordings + n_holdout)]
+    references = [draw_reference(rng, n, speed=slower * rng.uniform(0.7, 1.3)) for _ in range(n_recordings + n_holdout)]
+    own = [_conditions(rng, conditions if k else (), arm, scale) for k in range(len(references))]
     times = [sampling_times(sensors, duration, rng) for _ in references]
 
     factor = _SIZES[size] if isinstance(size, str) else float(size)
 
-    def moved(faults: Sequence[Fault], reference: Reference) -> Motion:
+    def moved(faults: Sequence[Fault], k: int) -> Motion:
+        own_arm = arm._replace(pretension=own[k].get("pretension", arm.pretension))
+        if "payload" in own[k]:
+            faults = [*faults, Fault("payload", {"kind": "link", "index": n}, {"mass": own[k]["payload"]}, ("mass",))]
         if plant == "mujoco" and servo is not None:
-            return simulate_in_mujoco(arm, faults, model, servo, reference, duration)
-        return simulate_run(arm, faults, model, servo, reference, duration)
+            return simulate_in_mujoco(own_arm, faults, model, servo, references[k], duration)
+        return simulate_run(own_arm, faults, model, servo, references[k], duration)
 
     def shown(faults: Sequence[Fault]) -> tuple[Scene, list[dict[str, float]]]:
-        run = moved(faults, references[0])
+        run = moved(faults, 0)
         oracle = Oracle(Scene(arm, tuple(faults), run, sensors, level, times[0], scale))
         return oracle.scene, [oracle.visibility(k) for k in range(len(faults))]
 
     for _ in range(20):
         faults = [fault.scaled(factor) for fault in _faults(rng, names, n, scale, arm)]
         scene, seen = shown(faults)
-        if all(s["visibility"] >= at_least for s in seen):
+        told = [s for s, f in zip(seen, faults, strict=True) if not _in_rigid_body(f, n, sensors.positions)]
+        if all(s["visibility"] >= at_least for s in told):
             break
     for _ in range(8 if visibility and faults else 0):
         more = float(visibility or 1.0) / max(seen[-1]["visibility"], 1e-9)
@@ -173,13 +216,31 @@ def draw(
             break
         faults[-1] = faults[-1].scaled(float(np.clip(more, 0.02, 50.0)))
         scene, seen = shown(faults)
-    runs = [scene.motion, *(moved(faults, reference) for reference in references[1:])]
-    logs = [record(run, faults, sensors, level, t, rng, arm) for run, t in zip(runs, times, strict=True)]
+    runs = [scene.motion, *(moved(faults, k) for k in range(1, len(references)))]
+    logs = [
+        record(run, faults, sensors, level, t, rng, arm._replace(pretension=its.get("pretension", arm.pretension)))
+        for run, t, its in zip(runs, times, own, strict=True)
+    ]
     truth = _truth(seed, plant, altered(arm, faults)[0], faults, seen, sensors, level, servo, scale)
-    return Trial(content, tuple(logs[:n_recordings]), tuple(logs[n_recordings:]), truth, scene)
+    return Trial(content, tuple(logs[:n_recordings]), tuple(logs[n_recordings:]), truth, scene, tuple(own))
 
 
 _SIZES = {"plain": 1.0, "quarter": 0.25}
+
+
+def _conditions(rng: np.random.Generator, names: Sequence[str], arm: Arm, scale: float) -> dict[str, float]:
+    """Draw what is different in a recording, in figures that a file can state."""
+    drawn = {}
+    if "pretension" in names:
+        drawn["pretension"] = round(float(arm.pretension * rng.uniform(1.2, 1.8)), 1)
+    if "payload" in names:
+        drawn["payload"] = round(float(0.02 * scale * rng.uniform(1.0, 3.0)), 3)
+    return drawn
+
+
+def _in_rigid_body(fault: Fault, n: int, positions: Positions) -> bool:
+    last = fault.effect == "encoder_offset" and fault.location["index"] == n and positions != "both"
+    return last or fault.effect in ("rotor_inertia", "payload")
 
 
 def _table(plant: str, out_of_catalogue: bool) -> dict[str, Entry]:
@@ -190,7 +251,8 @@ def _table(plant: str, out_of_catalogue: bool) -> dict[str, Entry]:
 def _positions(rng: np.random.Generator, names: Sequence[str], positions: Positions | None) -> Positions:
     """Draw which positions are logged, of those that can show every effect."""
     choices: list[Positions] = ["both", "joint", "motor"]
-    return positions or rng.choice([c for c in choices if all(c in EVERYTHING[name].sensors for name in names)])
+    able = [c for c in choices if all(c in EVERYTHING[name].sensors for name in names)]
+    return positions or able[int(rng.integers(len(able)))]
 
 
 def _noise(rng: np.random.Generator, unit: np.ndarray, kind: str | None) -> Noise:

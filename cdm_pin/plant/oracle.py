@@ -29,6 +29,7 @@ SURE = 3.86  # visibility that a matched filter sees in 90 % of cases at 1 % fal
 _KINEMATIC = (
     "transmission_ratio_error", "pulley_eccentricity", "encoder_offset", "cable_elasticity", "cable_slack", "backlash",
 )  # fmt: skip
+_NUDGE = 1e-4  # of a parameter, for derivatives
 _DRAWS, _SMALLEST = 5, 0.03  # of a rival's shapes; share of the largest below which a direction of theirs is left out
 
 
@@ -100,6 +101,38 @@ class Oracle:
         beside = tuple(self.scene.faults if others is None else others)
         torque, gap = self._difference(self._predicted((*beside, fault)), self._predicted(beside))
         return np.concatenate([torque - self._rigid @ (self._rigid.T @ torque), gap])
+
+    def bounds(self) -> list[dict[str, float]]:
+        """Give the Cramer-Rao bound of every numeric parameter of every fault, by name.
+
+        The least standard deviation of an unbiased estimate from this recording where laws, places, noise and motion
+        are known, but neither the masses nor the other faults' parameters.
+        """
+        names, slopes = [], []
+        for k, fault in enumerate(self.scene.faults):
+            for name, value in fault.parameters.items():
+                if not isinstance(value, int | float) or value == 0.0:
+                    continue
+                h = _NUDGE * abs(value)
+                ends = [self._predicted(self._nudged(k, name, value + d)) for d in (h, -h)]
+                torque, gap = self._difference(*ends)
+                slope = np.concatenate([torque - self._rigid @ (self._rigid.T @ torque), gap]) / (2.0 * h)
+                if np.linalg.norm(slope) > 0.0:
+                    names.append((k, name))
+                    slopes.append(slope)
+        bounds: list[dict[str, float]] = [{} for _ in self.scene.faults]
+        if slopes:
+            J = np.column_stack(slopes)
+            size = np.linalg.norm(J, axis=0)
+            std = np.sqrt(np.diag(np.linalg.pinv((J / size).T @ (J / size), rcond=1e-12))) / size
+            for (k, name), s in zip(names, std, strict=True):
+                bounds[k][name] = float(s)
+        return bounds
+
+    def _nudged(self, index: int, name: str, value: float) -> list[Fault]:
+        faults = list(self.scene.faults)
+        faults[index] = replace(faults[index], parameters=faults[index].parameters | {name: value})
+        return faults
 
     def likeness(self, index: int, rival: Mapping[str, Any], seed: int = 0) -> float:
         """Tell how much of a fault's signature a rival could make: their canonical correlation, 0 to 1.
