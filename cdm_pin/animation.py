@@ -23,6 +23,8 @@ def write_ghosts(
     recorded: np.ndarray,
     rigid: np.ndarray,
     completed: np.ndarray,
+    *,
+    restart: float | None = None,
 ) -> None:
     """Save three ghosts: the recorded motion, and those simulated with the rigid and with the completed model.
 
@@ -36,6 +38,8 @@ def write_ghosts(
     recorded, rigid, completed : ndarray, shape (n, n_joints)
         Joint positions, started together from the same state [rad or m]; a simulation that ended early may hold NaN,
         where its ghost stands still.
+    restart : float, optional
+        How often the simulations were started anew from the recorded state [s].
 
     Raises
     ------
@@ -46,8 +50,9 @@ def write_ghosts(
     for name, motion in motions.items():
         if np.shape(motion) != (len(time), model.n_joints):
             raise ShapeError(f"{name} has shape {np.shape(motion)}, ({len(time)}, {model.n_joints}) was expected")
+    start = "from the same state" if restart is None else f"anew from the recorded state every {restart:g} s"
     words = [
-        "Three motions, started together from the same state:",
+        f"Three motions, started together {start}:",
         "dark: as recorded; orange: simulated with the rigid model; blue: simulated with the completed model.",
     ]
     write_animation(path, show_ghosts(model, time, {k: _held(np.asarray(m, float)) for k, m in motions.items()}), words)

@@ -6,7 +6,8 @@ import numpy as np
 
 from .diagnose import Diagnosis, _errors
 from .explain import Explanation, Found
-from .report_evidence import Evidence, LawCurve, Rival, RunEvidence
+from .replay import Replay
+from .report_evidence import Evidence, LawCurve, Rival, RunEvidence, SimulatedMotion
 from .selection import Fit, Search
 
 
@@ -27,8 +28,17 @@ def gather(diagnosis: Diagnosis) -> Evidence:
         laws=tuple(_law(search, explanation, f) if f else None for f in named),
         rivals=tuple(_rivals(f) if f else () for f in named),
         unexplained=_law(search, explanation, patches[0]) if patches else None,
+        simulated=tuple(_simulated(replay) for replay in diagnosis.replays[:1]),
         notices=tuple(notice for run in search.problem.runs for notice in run.signals.notices),
     )
+
+
+def _simulated(replay: Replay, most: int = 5) -> SimulatedMotion:
+    """Draw the first windows, with gaps where the simulations start anew."""
+    time, *motions = replay.stretch(most)
+    anew = np.arange(1, round((time[-1] + replay.time[1]) / replay.horizon)) * (len(replay.time) - 1)
+    parts = (np.insert(x, anew, np.nan, axis=0) for x in motions)
+    return SimulatedMotion(np.insert(time, anew, time[anew]), *parts, label=replay.label)
 
 
 def _listed(diagnosis: Diagnosis, explanation: Explanation) -> list[Found | None]:

@@ -60,6 +60,23 @@ class Replay:
         """Length of a window [s]."""
         return round(float(self.time[-1]), 6)
 
+    def stretch(self, most: int) -> tuple[Vector, Vector, Vector, Vector]:
+        """Put the first windows, at most so many, one after another.
+
+        Returns
+        -------
+        time : ndarray, shape (n,)
+            [s].
+        recorded, rigid, completed : ndarray, shape (n, n_joints)
+            [rad or m].
+        """
+        count = min(most, len(self.start))
+        time = (np.arange(count)[:, None] * self.time[-1] + self.time[:-1]).ravel()
+        recorded, rigid, completed = (
+            x[:count, :-1].reshape(-1, x.shape[2]) for x in (self.recorded, self.rigid, self.completed)
+        )
+        return time, recorded, rigid, completed
+
 
 def simulated_position(replays: Sequence[Replay]) -> dict[str, Any] | None:
     """Sum up how far simulated joints part from recorded ones, as diagnosis.json has it; None without windows.

@@ -53,7 +53,11 @@ SAVED = """
 const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0));
 const saved = JSON.parse(byId("saved").textContent);
 for (const command of saved.commands) viewer.handle_command_bytearray(bytes(command));
-const frames = new Float32Array(bytes(saved.frames).buffer), width = frames.length / saved.count;
+const low = new Float32Array(bytes(saved.low).buffer), span = new Float32Array(bytes(saved.span).buffer);
+const codes = new Uint16Array(bytes(saved.codes).buffer), width = low.length;
+const frames = new Float32Array(saved.count * width);
+for (let k = 0, c = 0; k < saved.count; k++)
+  for (let i = 0; i < width; i++) frames[k * width + i] = low[i] + (span[i] ? codes[c++] / 65535 * span[i] : 0);
 let now = 0, before = null, shown = -1;
 function tick(stamp) {
   requestAnimationFrame(tick);
@@ -101,17 +105,22 @@ def saved_page(
     layout, camera : dict
         See `scene_meshcat.layout`, `show.camera`.
     frames : ndarray of float32, shape (n, m)
-        See `scene_meshcat.pack_frames`.
+        See `scene_meshcat.pack_frames`; kept to 1/65535 of each column's range.
     rate : float
         Frames per second [Hz].
     news : mapping
         What the panel shows.
     """
+    low, span = frames.min(axis=0), np.ptp(frames, axis=0)
+    moves = span > 0
+    codes = np.round((frames[:, moves] - low[moves]) / span[moves] * 65535)
     content = {
         "commands": [base64.b64encode(command).decode() for command in commands],
         "layout": layout,
         "camera": camera,
-        "frames": base64.b64encode(np.ascontiguousarray(frames, dtype="<f4").tobytes()).decode(),
+        "low": _text(low, "<f4"),
+        "span": _text(span, "<f4"),
+        "codes": _text(codes, "<u2"),
         "count": len(frames),
         "rate": rate,
         "news": {"title": title, **news},
@@ -120,6 +129,10 @@ def saved_page(
     library = f"<script>{library_path().read_text(encoding='utf-8')}</script>"
     data = f'<script id="saved" type="application/json">{held}</script>'
     return _page(title, library + data, SAVED)
+
+
+def _text(array: np.ndarray, kind: str) -> str:
+    return base64.b64encode(np.ascontiguousarray(array, dtype=kind).tobytes()).decode()
 
 
 def _page(title: str, library: str, script: str) -> str:

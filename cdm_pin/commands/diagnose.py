@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..console import emit, plain, table
 from ..files import whole_folder
@@ -13,6 +14,12 @@ from ..manipulator import save_manipulator
 from ..model import load_model
 from ..recording import load_recording
 from ..wording import quantity, sentence
+
+if TYPE_CHECKING:
+    from ..diagnose import Diagnosis
+
+GHOSTS = "ghosts.html"
+WINDOWS = 20  # that the ghosts play
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,9 +51,21 @@ def run(args: argparse.Namespace) -> int:
         with whole_folder(args.output) as folder:
             (folder / "diagnosis.json").write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n")
             save_manipulator(result.manipulator, folder / "model.yaml", Path(args.output))
-            write_report(folder / "report.html", content, gather(result), result.model)
+            evidence = gather(result)
+            if result.replays:
+                _write_ghosts(folder / GHOSTS, result)
+                evidence = replace(evidence, animation=GHOSTS)
+            write_report(folder / "report.html", content, evidence, result.model)
         emit(args, content, *_shown(content, args.output))
     return 0
+
+
+def _write_ghosts(path: Path, result: Diagnosis) -> None:
+    """Save recorded and simulated motion side by side."""
+    from ..animation import write_ghosts
+
+    replay = result.replays[0]
+    write_ghosts(path, result.model, *replay.stretch(WINDOWS), restart=replay.horizon)
 
 
 def _shown(content: dict[str, Any], output: str) -> list[Any]:
@@ -63,7 +82,8 @@ def _shown(content: dict[str, Any], output: str) -> list[Any]:
     ]
     header = ["effect", "where", "size", "delta BIC", "cannot be told from"]
     shown = [table("Findings", header, rows)] if rows else []
-    return [sentence(content), *shown, f"Written: {output}/diagnosis.json, report.html, model.yaml"]
+    ghosts = f", {GHOSTS}" if content["fit"]["simulated_position"] else ""
+    return [sentence(content), *shown, f"Written: {output}/diagnosis.json, report.html{ghosts}, model.yaml"]
 
 
 def _place(location: dict) -> str:
