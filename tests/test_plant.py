@@ -239,6 +239,16 @@ def test_oracle_knows_what_looks_alike():
     assert np.linalg.norm(twice) == pytest.approx(2.0 * visible, rel=1e-6)
 
 
+def test_bounds_are_those_of_a_linear_fit():
+    """Of a fault that is linear in its one parameter the Cramer-Rao bound is its size over its visibility."""
+    trial = draw(2, n_links=2, effects=["coulomb_friction"], positions="joint", duration=8.0, motion="prescribed")
+    (effect,), (bound,) = trial.truth["effects"], Oracle(trial.scene).bounds()
+    assert bound["coulomb"] == pytest.approx(effect["parameters"]["coulomb"] / effect["visibility"], rel=1e-5)
+    both = draw(2, n_links=2, effects=["stribeck_friction"], positions="joint", duration=8.0, motion="prescribed")
+    known, free = effect["visibility"], Oracle(both.scene).bounds()[0]
+    assert known > 0 and set(free) == {"coulomb", "stribeck", "stribeck_velocity"} and min(free.values()) > 0
+
+
 def test_draw_is_reproducible_and_reaches_a_visibility(tmp_path):
     """The same seed gives the same bytes; a wanted visibility is met; files carry the agreed names."""
     first, second = (draw(11, n_links=2, effects=["coulomb_friction"], duration=5.0, visibility=8.0) for _ in range(2))

@@ -92,6 +92,14 @@ def test_a_class_has_to_be_one():
     assert score(dry, diagnosis(twin), lambda k, finding: 0.0).meetings == ("class",)
 
 
+def test_a_class_that_is_none_does_not_hide_one_that_is():
+    """Of two findings that both claim the effect as a rival, the one that could look like it counts."""
+    first, second = ("hysteresis", place("joint", 2)), ("stribeck_friction", place("joint", 2))
+    told = diagnosis(first, second, rivals=[COULOMB_2])
+    result = score(truth(COULOMB_2), told, lambda k, finding: 0.99 if finding["effect"] == second[0] else 0.1)
+    assert result.meetings == ("class",) and result.false_findings == ("hysteresis at joint 2",)
+
+
 IDENTITIES = [
     (("coulomb_friction", place("joint", 1)), ("coulomb_friction", place("motor", 1)), "joint", True),
     (("cable_friction", place("cable", 3, link=2)), ("coulomb_friction", place("joint", 3)), "joint", True),
@@ -143,7 +151,8 @@ def test_rigid_body_effects_stand_under_rigid_body():
     """A rotor, a payload, the last encoder's offset are met under rigid_body and leave the verdict consistent."""
     rotor = ("rotor_inertia", place("motor", 2))
     assert score(truth(rotor), diagnosis(verdict="consistent", rigid=[rotor])).all_right
-    assert score(truth(rotor), diagnosis(verdict="consistent")).meetings == ("missed",)
+    silent = score(truth(rotor), diagnosis(verdict="consistent"))
+    assert silent.meetings == ("missed",) and not silent.first_right
     last = ("encoder_offset", place("joint", 3))
     assert score(truth(last), diagnosis(verdict="consistent", rigid=[last])).all_right
     assert not score(truth(last, positions="both"), diagnosis(verdict="consistent", rigid=[last])).all_right
