@@ -130,7 +130,7 @@ class Fit:
     @property
     def white_covariance(self) -> Vector:
         """Covariance of the values if the noise were white in time, shape (p, p)."""
-        return frozen_array(np.linalg.pinv(self.information, hermitian=True))
+        return frozen_array(inverse(self.information))
 
 
 def residual_covariance(moments: Moments, values: Vector) -> Vector:
@@ -351,9 +351,23 @@ class Colour:
         self.total += X.T @ X
 
 
+def inverse(matrix: Vector, share: float = 1e-13) -> Vector:
+    """Invert a symmetric positive matrix whose rows have units of their own, leaving out its null space.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (p, p)
+    share : float
+        Of the largest eigenvalue, once all diagonal entries are scaled to 1, below which a direction counts as null.
+    """
+    scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    scale = 1.0 / np.where(scale > 0, scale, 1.0)
+    return np.linalg.pinv(matrix * np.outer(scale, scale), rcond=share, hermitian=True) * np.outer(scale, scale)
+
+
 def sandwich(information: Vector, middle: Vector) -> Vector:
     """Covariance of a weighted fit, information^-1 middle information^-1, shape (p, p)."""
-    bread = np.linalg.pinv(information, hermitian=True)
+    bread = inverse(information)
     return bread @ middle @ bread
 
 

@@ -138,11 +138,11 @@ class Identification:
             Per motor ``rmse`` of the error, of the ``torque`` itself, the ``noise_floor`` [N m], and ``relative``, the
             norm of the error over the norm of the torque. Empty if there is no sample.
         """
-        if part is None or not part.moments.n_samples:
+        if part is None or not part.torques.n_samples:
             return {}
         beta = self.physical_prediction if physical else self.prediction
-        rmse = np.sqrt(estimators.mean_square(part.moments, beta))
-        torque = np.sqrt(estimators.mean_square(part.moments, 0.0 * beta))
+        rmse = np.sqrt(estimators.mean_square(part.torques, beta))
+        torque = np.sqrt(estimators.mean_square(part.torques, 0.0 * beta))
         relative = rmse / np.maximum(torque, 1e-300)
         return {"rmse": rmse, "torque": torque, "noise_floor": part.noise_floor, "relative": relative}
 

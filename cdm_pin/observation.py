@@ -8,7 +8,7 @@ subtracted from y. Joints and motors that do not move are held exactly still, so
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import norm
@@ -26,7 +26,7 @@ from .recording import Recording
 from .regressor import blocks, motor_regressor
 from .signals import Signals, prepare
 from .signals_checks import check
-from .signals_filters import differentiate, lowpass, noise_floor, spectrum
+from .signals_filters import differentiate, lowpass, moves, noise_floor, spectrum
 from .terms import Plan, Term
 from .whitening import Segments
 
@@ -34,6 +34,7 @@ BLOCK = 4096  # samples of the recording
 MOTION_BANDS = 6.0  # torque is fitted up to this many times the band of the motion: above it accelerations are noise
 FEWEST_SAMPLES = 60  # after decimation
 STILL = 4.0  # standard deviations of noise, after the light filter, that count as movement
+REST = 0.02  # of the farthest travel of its kind, below which an axis rests
 LONGEST = 1 << 15  # samples by which accelerations are chosen
 SIGN_WIDTH = 2e-3  # of the smooth sign of velocity, at least, in root mean square speeds
 
@@ -62,6 +63,8 @@ class Observation:
         Samples not used, by reason.
     accelerations : tuple of Acceleration, length n_motors
         How each motor's acceleration was made.
+    resting : ndarray of bool, shape (n_motors,)
+        Motors that do not move: what friction holds there is no equation of motion.
     """
 
     signals: Signals
@@ -74,6 +77,7 @@ class Observation:
     notices: tuple[str, ...]
     left_out: dict[str, int]
     accelerations: tuple[Acceleration, ...] = ()
+    resting: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
 
     @property
     def n_samples(self) -> int:
@@ -96,7 +100,8 @@ def observe(plan: Plan, recording: Recording) -> Observation:
     q, q_m = _positions(plan.model, signals.logged)
     sigma, sigma_m = _position_noise(plan.model, signals)
     motion = _motion(plan.model, signals, band.cutoff, q, q_m)
-    still, still_m = (np.std(x, axis=0) < STILL * s + 1e-9 for x, s in ((motion.q, sigma), (motion.q_m, sigma_m)))
+    still = (np.std(motion.q, axis=0) < STILL * sigma + 1e-9) | _rests(motion.q, plan.model.chain.prismatic)
+    still_m = (np.std(motion.q_m, axis=0) < STILL * sigma_m + 1e-9) | _rests(motion.q_m, linear_motors(plan.model))
     valid = whole(signals.valid, 5 + int(4 * signals.rate / light_cutoff(signals, band.cutoff)))
     left_out = {"in gaps and at the ends": int((~valid).sum())} if not valid.all() else {}
     torque = _torque(plan.model, signals.logged)
@@ -111,6 +116,10 @@ def observe(plan: Plan, recording: Recording) -> Observation:
         *(text for text in signals.notices if "zero-phase" not in text),  # that filter is not the one used here
         *_torque_check(plan.model, signals),
         *(f"{plan.model.joints[k]} is locked" for k in np.flatnonzero(still)),
+        *(
+            f"{plan.model.motors[k]} rests: friction can hold any torque, so it is not fitted"
+            for k in np.flatnonzero(still_m)
+        ),
     )
     observation = Observation(
         signals=signals,
@@ -122,6 +131,7 @@ def observe(plan: Plan, recording: Recording) -> Observation:
         shapes=tuple(_shape(term, motion) for term in plan.terms),
         notices=notices,
         left_out=left_out,
+        resting=still_m,
     )
 
     def tried(choice: Acceleration) -> tuple[Vector, Vector]:
@@ -135,7 +145,7 @@ def observe(plan: Plan, recording: Recording) -> Observation:
 
     chosen = plan.accelerations
     if chosen is None:
-        lowest = motion_band(signals)
+        lowest = motion_band(signals, slowest=True)
         chosen = choose_accelerations(candidates(signals, band.cutoff, lowest), tried, plan.present)
     made = _held(with_accelerations(plan.model, motion, signals, q, q_m, chosen), still, still_m)
     trembling = with_accelerations(plan.model, shaken, signals, q + noise, q_m + noise_m, chosen)
@@ -147,6 +157,19 @@ def observe(plan: Plan, recording: Recording) -> Observation:
         accelerations=chosen,
         notices=(notices[0], *said(chosen, plan.model.motors), *notices[1:]),
     )
+
+
+def linear_motors(model: CableModel) -> np.ndarray:
+    """Tell which motors move only joints that slide, shape (n_motors,) of bool."""
+    return ~(np.abs(model.joint_from_motor[~model.chain.prismatic]) > 1e-12).any(axis=0)
+
+
+def _rests(x: Vector, linear: np.ndarray) -> np.ndarray:
+    """Mark what travels by less than a small share of the farthest of its kind."""
+    travel, rests = np.ptp(x, axis=0), np.zeros(len(linear), bool)
+    for kind in (linear, ~linear):
+        rests[kind] = travel[kind] < REST * np.max(travel[kind], initial=0.0)
+    return rests
 
 
 def _middle(segments: Segments, most: int) -> Segments:
@@ -181,15 +204,19 @@ def choose_band(model: CableModel, signals: Signals) -> float:
     return float(min(wanted, 0.4 * signals.rate))
 
 
-def motion_band(signals: Signals, share: float = 0.99) -> float:
-    """Frequency below which this share of every velocity's power lies, at most the signals' own cut-off [Hz]."""
-    positions = [x for name, x in signals.logged.items() if name in ("joint_position", "motor_position")]
-    if len(signals.time) < 16:
+def motion_band(signals: Signals, share: float = 0.99, *, slowest: bool = False) -> float:
+    """Frequency below which this share of a velocity's power lies, at most the signals' own cut-off [Hz].
+
+    Of the axes that move, the fastest one's; with `slowest` that of the slowest.
+    """
+    positions = np.hstack([x for name, x in signals.logged.items() if name in ("joint_position", "motor_position")])
+    moving = moves(positions, signals.rate)
+    if len(signals.time) < 16 or not moving.any():
         return signals.cutoff
-    frequency, density = spectrum(np.hstack(positions), signals.rate)
+    frequency, density = spectrum(positions[:, moving], signals.rate)
     power = np.cumsum(frequency[:, None] ** 2 * density * (frequency[:, None] <= signals.cutoff), axis=0)
-    beyond = np.argmax(power >= share * power[-1], axis=0)
-    return float(min(signals.cutoff, frequency[beyond].max()))
+    beyond = frequency[np.argmax(power >= share * power[-1], axis=0)]
+    return float(min(signals.cutoff, beyond.min() if slowest else beyond.max()))
 
 
 def light_cutoff(signals: Signals, cutoff: float) -> float:
@@ -204,7 +231,13 @@ def whole(valid: np.ndarray, margin: int) -> np.ndarray:
 
 
 def rows(
-    plan: Plan, observation: Observation, torque: Vector | None = None, *, noise: bool = False, block: int = BLOCK
+    plan: Plan,
+    observation: Observation,
+    torque: Vector | None = None,
+    *,
+    noise: bool = False,
+    block: int = BLOCK,
+    resting: bool = False,
 ) -> Iterator[tuple[int, Vector, Vector]]:
     """Yield (segment, X, y) block by block.
 
@@ -218,6 +251,8 @@ def rows(
         Give the change of X by a sample of the positions' noise in place of X.
     block : int
         Samples of the recording.
+    resting : bool
+        Keep the equations of motors that do not move; else they are zero.
 
     Yields
     ------
@@ -237,6 +272,8 @@ def rows(
             raw = np.concatenate([X, y[part, :, None]], axis=2)
             kept = band.reduce(np.ascontiguousarray(raw.transpose(2, 1, 0)))
             kept = kept[..., half // band.step : half // band.step + last - first].transpose(2, 1, 0)
+            if not resting:
+                kept[:, observation.resting] = 0.0
             yield number, kept[..., :-1], kept[..., -1]
 
 

@@ -47,6 +47,8 @@ class Visit:
     moments, noise : Moments
         Of all columns of the plan, and of what the positions' noise adds to them; empty once they are gathered from
         very many recordings.
+    torques : Moments
+        The same as `moments`, with the equations of motors at rest, which are predicted but not fitted.
     n_used : int
         Samples in them, after decimation.
     independent : float
@@ -67,6 +69,7 @@ class Visit:
     source: Path | None
     moments: Moments
     noise: Moments
+    torques: Moments
     n_used: int
     independent: float
     n_samples: int
@@ -87,7 +90,7 @@ class Gathered:
     Attributes
     ----------
     visits : tuple of Visit
-    moments, noise : Moments
+    moments, noise, torques : Moments
         Of all of them.
     independent : float
         Sum of theirs.
@@ -100,6 +103,7 @@ class Gathered:
     visits: tuple[Visit, ...]
     moments: Moments
     noise: Moments
+    torques: Moments
     independent: float
     noise_floor: Vector
     skipped: tuple[Skipped, ...] = ()
@@ -114,7 +118,7 @@ def gather(plan: Plan, results: Iterable[Visit | Skipped], keep: bool = True) ->
         If all were skipped.
     """
     empty = Moments.empty(plan.names, plan.present)
-    moments, noise, floor = empty, empty, np.zeros(plan.model.n_motors)
+    moments, noise, torques, floor = empty, empty, empty, np.zeros(plan.model.n_motors)
     visits: list[Visit] = []
     skipped: list[Skipped] = []
     for result in results:
@@ -122,13 +126,14 @@ def gather(plan: Plan, results: Iterable[Visit | Skipped], keep: bool = True) ->
             skipped.append(result)
             continue
         moments, noise = moments.merge(result.moments), noise.merge(result.noise)
+        torques = torques.merge(result.torques)
         floor = floor + result.n_used * result.noise_floor**2
-        visits.append(replace(result, noise=empty, moments=result.moments if keep else empty))
+        visits.append(replace(result, moments=empty, noise=empty, torques=result.torques if keep else empty))
     if not visits:
         raise InputError(f"no recording is left: {skipped[0].name}: {skipped[0].reason}")
     independent = sum(visit.independent for visit in visits)
     floor = np.sqrt(floor / max(moments.n_samples, 1))
-    return Gathered(tuple(visits), moments, noise, independent, floor, tuple(skipped))
+    return Gathered(tuple(visits), moments, noise, torques, independent, floor, tuple(skipped))
 
 
 class Survey:
@@ -245,9 +250,13 @@ def reduce_recording(task: Task, tell: Tell | None = None) -> Visit:
         if tell is not None:
             share = moments.n_samples / total
             tell(moments, float(time[int(share * (len(time) - 1))]), share)
-    noise = Moments.empty(plan.names, plan.present)
+    noise, torques = Moments.empty(plan.names, plan.present), moments
     for _, X, y in rows(plan, observation, noise=True):
         noise = noise.add(X, 0.0 * y)
+    if observation.resting.any():
+        torques = Moments.empty(plan.names, plan.present)
+        for _, X, y in rows(plan, observation, resting=True):
+            torques = torques.add(X, y)
     signals = observation.signals
     recording = signals.recording
     _check_sign(plan, moments, recording)
@@ -257,6 +266,7 @@ def reduce_recording(task: Task, tell: Tell | None = None) -> Visit:
         recording.source if not isinstance(source, str | Path) else Path(source),
         moments,
         noise,
+        torques,
         moments.n_samples,
         pace.independent(observation),
         recording.n_samples,
