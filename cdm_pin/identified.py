@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from .console import plain
-from .effects import CATALOGUE, Effect
+from .effects import CATALOGUE
 from .estimators import per_joint
 from .files import read_text, write_text
 from .geometry import Link, Manipulator, Vector, frozen_array
@@ -142,53 +142,44 @@ def effect_records(result: Identification, *, values: Vector | None = None) -> l
         something, parameters with units and standard deviations.
     """
     base = result.base.rank
-    groups: dict[tuple[str, str], list[int]] = {}
+    groups: dict[tuple[str, ...], list[int]] = {}
     for k, term in enumerate(result.terms):
-        groups.setdefault((term.effect, str(term.place.location)), []).append(k)
+        groups.setdefault((term.effect, str(term.place.location), str(term.shape)), []).append(k)
     records = []
     for members in groups.values():
         term = result.terms[members[0]]
         effect = CATALOGUE[term.effect]
         shape = result.train.visits[0].shapes[result.plan.terms.index(term)]
-        places = [result.terms[k].number for k in members]  # a coefficient that cannot be told from others is zero
+        fitted = [base + k for k in members]
+        spread = np.eye(len(effect.signs))[:, [result.terms[k].number for k in members]]
+
+        def physical(beta: Vector, effect=effect, spread=spread, shape=shape) -> dict[str, float]:
+            return effect.physical(spread @ beta, shape)  # a coefficient that cannot be told from others is zero
+
         if values is not None:
-            parameters: dict[str, Any] = effect.physical(_filled(values[members], places, effect), shape)
+            parameters: dict[str, Any] = physical(values[members])
             parameters |= {"width": shape[0]} if effect.nuisance_shape else {}
-        elif result.reliable[[base + k for k in members]].all():
-            fitted = [base + k for k in members]
-            found, std = _physical(
-                effect, shape, places, result.fit.values[fitted], result.covariance[fitted][:, fitted]
-            )
+        elif result.reliable[fitted].all():
+            found = physical(result.fit.values[fitted])
+            std = _deviations(physical, result.fit.values[fitted], result.covariance[np.ix_(fitted, fitted)])
             units = {parameter.name: parameter.unit for parameter in effect.parameters}
-            parameters = {n: {"value": v, "std": std[n], "unit": units[n]} for n, v in found.items()}
+            parameters = {n: {"value": v, "std": std.get(n), "unit": units[n]} for n, v in found.items()}
         else:
             continue
         records.append({"effect": effect.name, "location": term.place.location, "parameters": parameters})
     return records
 
 
-def _filled(values: Vector, places: Sequence[int], effect: Effect) -> Vector:
-    full = np.zeros(len(effect.signs))
-    full[list(places)] = values
-    return full
-
-
-def _physical(
-    effect: Effect, shape: tuple[float, ...], places: Sequence[int], values: Vector, covariance: Vector
-) -> tuple[dict[str, float], dict[str, float]]:
-    """Give the physical parameters of fitted coefficients, and their standard deviations to first order."""
-
-    def physical(beta: Vector) -> dict[str, float]:
-        return effect.physical(_filled(beta, places, effect), shape)
-
-    found, std = physical(values), np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    steps = np.maximum(1e-6 * np.abs(values), 1e-6 * std) + 1e-300
-    slopes = []
-    for k, step in enumerate(steps):
-        up, down = (physical(values + sign * step * np.eye(len(values))[k]) for sign in (1, -1))
-        slopes.append([(up[name] - down[name]) / (2 * step) for name in found])
-    J = np.array(slopes).T
-    return found, dict(zip(found, map(float, np.sqrt(np.maximum(np.diag(J @ covariance @ J.T), 0.0))), strict=True))
+def _deviations(physical: Callable[[Vector], dict[str, float]], values: Vector, covariance: Vector) -> dict[str, float]:
+    """Give standard deviations of physical parameters, to first order; none of those that were stated."""
+    steps = 1e-6 * np.maximum(np.abs(values), np.sqrt(np.maximum(np.diag(covariance), 0.0))) + 1e-300
+    J = []
+    for step in np.diag(steps):
+        up, down = physical(values + step), physical(values - step)
+        J.append([(up[name] - down[name]) / (2 * step.sum()) for name in up])
+    variance = np.einsum("kp,kl,lp->p", J, covariance, J)
+    found = zip(physical(values), np.any(J, axis=0), np.sqrt(np.maximum(variance, 0.0)), strict=True)
+    return {name: float(std) for name, fitted, std in found if fitted}
 
 
 def _per_joint(result: Identification) -> list[dict[str, Any]]:

@@ -161,7 +161,7 @@ def observe(plan: Plan, recording: Recording) -> Observation:
 
 def linear_motors(model: CableModel) -> np.ndarray:
     """Tell which motors move only joints that slide, shape (n_motors,) of bool."""
-    return ~(np.abs(model.joint_from_motor[~model.chain.prismatic]) > 1e-12).any(axis=0)
+    return np.all(np.abs(model.joint_from_motor[~model.chain.prismatic]) < 1e-12, axis=0)
 
 
 def _rests(x: Vector, linear: np.ndarray) -> np.ndarray:
@@ -408,6 +408,8 @@ def _part(motion: Motion, part: slice) -> Motion:
 
 def _shape(term: Term, motion: Motion) -> tuple[float, ...]:
     effect = CATALOGUE[term.effect]
+    if term.shape:
+        return term.shape
     if effect.nuisance_shape:
         noise = float(np.abs(term.place.weights(motion.model)) @ motion.velocity_noise)
         return (max(2 * noise, SIGN_WIDTH * speed_scale([motion], term.place)),)

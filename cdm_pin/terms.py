@@ -16,7 +16,8 @@ from .errors import InputError, nearest
 from .model import CableModel
 
 BASELINE = ("viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
-LINEAR = (*BASELINE, "quadratic_drag", "joint_spring", "cable_friction")
+LINEAR = (*BASELINE, "quadratic_drag", "joint_spring", "cable_friction", "torque_ripple")
+STATED = {"torque_ripple": "cycles"}  # what makes an effect linear once it is given
 
 
 @dataclass(frozen=True)
@@ -30,11 +31,14 @@ class Term:
     place : Place
     number : int
         Which of the effect's columns.
+    shape : tuple of float
+        What the effect is not linear in, as stated.
     """
 
     effect: str
     place: Place
     number: int = 0
+    shape: tuple[float, ...] = ()
 
     @property
     def name(self) -> str:
@@ -42,6 +46,7 @@ class Term:
         where = self.place.location
         words = [str(where[key]) for key in ("kind", "index") if key in where]
         words += [f"{key} {value}" for key, value in where.items() if key not in ("kind", "index", "weights")]
+        words += [f"{STATED[self.effect]} {value:g}" for value in self.shape]
         words += [f"{value:+.4g} motor {i}" for i, value in enumerate(where.get("weights", ()), 1) if value]
         return " ".join([self.effect, *words]) + (f" ({self.number + 1})" if self.number else "")
 
@@ -57,7 +62,8 @@ def parse_effects(model: CableModel, wanted: Sequence[str]) -> tuple[Term, ...]:
 
     A place is a kind, with or without a number (``coulomb_friction:joint2``), the name of a joint or of a motor
     (``joint_spring:roll_joint``), or for parts that rub on each other a sum or difference of such
-    (``coulomb_friction:finger_2_joint-finger_1_joint``).
+    (``coulomb_friction:finger_2_joint-finger_1_joint``). What an effect is not linear in is stated last:
+    ``torque_ripple:motor5:cycles=1`` (per radian).
 
     Parameters
     ----------
@@ -72,16 +78,35 @@ def parse_effects(model: CableModel, wanted: Sequence[str]) -> tuple[Term, ...]:
     """
     terms: list[Term] = []
     for text in wanted:
-        name, _, where = text.partition(":")
+        name, where, *stated = (part.strip() for part in [*text.split(":"), ""])
         if name not in CATALOGUE:
             hint = nearest(name, CATALOGUE) or f"; every robot's: {', '.join(BASELINE)}"
             raise InputError(f"unknown effect {name!r}{hint}", place="--effects")
-        effect = CATALOGUE[name]
         if name not in LINEAR:
             message = f"{name} is not linear in its parameters: cdm-pin diagnose fits it; here: {', '.join(LINEAR)}"
             raise InputError(message, place="--effects")
-        terms += [Term(name, place, k) for place in _places(model, text, where) for k in range(len(effect.signs))]
+        if "=" in where:
+            where, stated = "", [where, *stated]
+        shape = _shape(text, name, [part for part in stated if part])
+        for place in _places(model, f"{name}:{where}" if where else name, where):
+            terms += [Term(name, place, k, shape) for k in range(len(CATALOGUE[name].signs))]
     return tuple(terms)
+
+
+def _shape(text: str, name: str, stated: Sequence[str]) -> tuple[float, ...]:
+    """Read what an effect is not linear in: ``cycles=1``."""
+    key = STATED.get(name, "")
+    values = [part.partition("=")[2] for part in stated if part.partition("=")[0].strip() == key]
+    try:
+        shape = tuple(float(value) for value in values)
+    except ValueError:
+        shape = ()
+    if len(shape) != len(stated) or len(shape) > 1 or not np.all(np.isfinite(shape)):
+        expected = f"{name}:PLACE:{key}=NUMBER" if key else f"{name}:PLACE"
+        raise InputError(f"{text!r}: {expected} was expected", place="--effects")
+    if key and not any(shape):
+        raise InputError(f"{text!r}: it is linear once its {key} are given: {name}:motor1:{key}=1", place="--effects")
+    return shape
 
 
 def _places(model: CableModel, text: str, where: str) -> list[Place]:
@@ -107,7 +132,8 @@ def _named_place(model: CableModel, effect: Effect, where: str) -> list[Place]:
     own = _location(model, where)
     if own is not None:
         places = [place for place in effect.places(model) if own == place.location or own in place.aliases]
-        return places or [p for p in all_motor_places(model) if own == p.location and "friction" in effect.name]
+        anywhere = "friction" in effect.name or effect.name == "joint_spring"
+        return places or [p for p in all_motor_places(model) if own == p.location and anywhere]
     parts = [part for part in re.split(r"([+-])", where.replace(" ", "")) if part]
     if "friction" not in effect.name or len(parts) < 3:
         return []
