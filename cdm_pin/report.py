@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from . import report_figures as figures
+from .effects import CATALOGUE
 from .files import write_text
 from .model import CableModel
 from .report_evidence import Evidence, LawCurve, Rival, RunEvidence, SimulatedMotion
@@ -221,6 +222,10 @@ def _how_much_better(diagnosis: Mapping[str, Any], evidence: Evidence) -> str:
         horizon = f" over {number(simulated['horizon'])} s" if simulated.get("horizon") else ""
         rows = [[name, number(r), number(a)] for name, r, a, _ in _fit_rows(simulated, "joint")]
         html += f"<h3>Simulated motion{horizon}</h3>" + table(["Position error [rad]", "Rigid", "Completed"], rows)
+        words = "Both models start in the recorded state, anew for each stretch, and are driven by the recorded torque "
+        words += "alone; the error is rms over all stretches."
+        held = ", ".join(candidate(entry) for entry in simulated.get("along_record") or [])
+        html += paragraph(words + (f" Not run forward but taken along the record: {held}." if held else ""))
     for motion in evidence.simulated[:2]:
         html += MODELS_KEY.replace("measured", "recorded") + cards(figures.simulated_motion(motion))
     if evidence.animation:
@@ -275,7 +280,7 @@ def _bare_name(effect: str) -> str:
 
 def _smallest(entry: Mapping[str, Any]) -> str:
     unit, visible = entry.get("unit") or "", entry.get("visible_fraction")
-    size = f"{number(entry['amplitude'], 2)} {unit if unit != '1' else ''}".strip()
+    size = f"{number(float(format(entry['amplitude'], '.2g')))} {unit if unit != '1' else ''}".strip()
     part = f" ({100 * visible:.0f} % visible)" if isinstance(visible, (int, float)) and visible < 0.5 else ""
     return f"{place(entry.get('location') or {})}: {size}{part}"
 
@@ -286,10 +291,25 @@ def _absorber(other: Any) -> str:
 
 def _next(diagnosis: Mapping[str, Any]) -> str:
     text = next_experiment(diagnosis)
+    findings = diagnosis.get("findings") or []
     if text:
-        return paragraph(text[0].upper() + text[1:] + ".")
-    doubtful = [f for f in diagnosis.get("findings") or [] if unconfirmed(f)]
-    return paragraph("A second recording, of another motion, would confirm the findings.") if doubtful else ""
+        return paragraph(text[0].upper() + text[1:] + ".") + _telling_apart(findings)
+    return _telling_apart(findings) + (
+        paragraph("A second recording, of another motion, would confirm the findings.")
+        if any(unconfirmed(f) for f in findings)
+        else ""
+    )
+
+
+def _telling_apart(findings: Sequence[Mapping[str, Any]]) -> str:
+    """List what would separate findings from what they cannot be told from."""
+    rows = []
+    for finding in findings:
+        for other in finding.get("indistinguishable_from") or []:
+            effect = CATALOGUE.get(str(other.get("effect")))
+            if effect is not None and effect.revealed_by:
+                rows.append([candidate(finding), candidate(other), effect.revealed_by])
+    return table(["To tell", "from", "record"], rows) if rows else ""
 
 
 def _data(evidence: Evidence) -> str:

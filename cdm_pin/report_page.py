@@ -38,6 +38,11 @@ table {{ border-collapse: collapse; font-size: .95rem; margin: .4rem 0; }}
 table.small {{ font-size: .84rem; }}
 th, td {{ text-align: left; vertical-align: top; padding: .25rem .9rem .25rem 0; border-bottom: 1px solid #e2e2e2; }}
 th {{ font-weight: 600; }}
+@media screen and (max-width: 36rem) {{ table.wide thead {{ display: none; }}
+  table.wide tr {{ display: block; border-bottom: 1px solid #ccc; padding: .3rem 0; }}
+  table.wide td {{ display: block; border: 0; padding: .1rem 0; }}
+  table.wide td:not([data-name=""])::before {{ content: attr(data-name) ": "; color: #555; }}
+  table.wide td[data-name=""] {{ font-weight: 600; }} }}
 @media print {{ body {{ max-width: none; padding: 0; font-size: 11pt; }} nav {{ display: none; }}
   section, figure, tr {{ break-inside: avoid-page; }} section {{ break-inside: auto; }}
   .verdict, svg {{ print-color-adjust: exact; -webkit-print-color-adjust: exact; }} }}
@@ -71,10 +76,16 @@ def cards(pictures: Sequence[tuple[str, str]]) -> str:
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, small: bool = False) -> str:
-    """Give a table of plain words that scrolls sideways where there is no room."""
+    """Give a table of plain words; where there is no room, a wide one has its cells one below the other."""
     head = "".join(f"<th>{escape(name)}</th>" for name in header)
-    body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-    style = ' class="small"' if small else ""
+    body = "".join(
+        "<tr>"
+        + "".join(f'<td data-name="{escape(name)}">{escape(cell)}</td>' for name, cell in zip(header, row, strict=True))
+        + "</tr>"
+        for row in rows
+    )
+    kinds = [kind for kind, yes in (("small", small), ("wide", len(header) > 3)) if yes]
+    style = f' class="{" ".join(kinds)}"' if kinds else ""
     return f'<div class="scroll"><table{style}><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
