@@ -186,7 +186,7 @@ def _restricted(search: Search, explanation: Explanation, found: Sequence[Found]
     for j, f in enumerate(found):
         without = search.fit([c for i, c in enumerate(candidates) if i != j], fit.whitener)
         renewed.append(replace(f, score=search.score(without, f.candidate)))
-    return Explanation(tuple(renewed), fit, rigid, explanation.bank, search.score_all(fit, explanation.bank))
+    return Explanation(tuple(renewed), fit, rigid, explanation.bank, search)
 
 
 def _errors(search: Search, base: Vector, effects: Sequence[Candidate], beta: Sequence[Vector]) -> list[Vector]:
@@ -233,9 +233,9 @@ def noise_floor(search: Search, effects: Sequence[Candidate] = ()) -> Vector:
     """Estimate each channel's noise in the band without a law, shape (n_channels,).
 
     It is what smooth functions of position, speed, direction and time leave over beside the rigid body and what was
-    found, corrected for their number.
+    found, less what these functions take of the noise.
     """
-    return rms(search, search.left_over(effects))
+    return search.left_over(effects)[1].rms
 
 
 def _fit_content(search: Search, rigid: Fit, fit: Fit, judged: Search) -> dict[str, Any]:
@@ -262,7 +262,6 @@ def _report(model: CableModel, search: Search, judge: Search | None, explanation
         index = np.r_[betas[j], shapes[j]]
         values = fi.parameters(found.candidate, fit.beta[j], covariance[np.ix_(index, index)])
         items.append(_finding(search, judge, explanation, j, values))
-        items += _carried(items[-1])
         records.append(_record(found.candidate, values))
     verdict = "unexplained" if patches else ("missing_physics" if items else "consistent")
     content = {
@@ -327,19 +326,6 @@ def _finding(
     if judge is None:
         item["unconfirmed"] = True
     return item
-
-
-def _carried(item: dict[str, Any]) -> list[dict[str, Any]]:
-    """List the friction that a motor which also turns with another joint brings along, as findings of their own."""
-    if item["effect"] != "transmission_coupling":
-        return []
-    out = []
-    for effect, name in (("coulomb_friction", "coulomb"), ("viscous_friction", "viscous")):
-        parameter = item["parameters"][name]
-        if parameter["value"] > 5 * parameter["std"]:
-            place = {"kind": "motor", "index": item["location"]["index"]}
-            out.append({**item, "effect": effect, "location": place, "parameters": {name: parameter}})
-    return out
 
 
 def _record(candidate: Candidate, values: dict[str, Any]) -> dict[str, Any]:

@@ -104,6 +104,8 @@ class Effect:
         Coefficients, shape -> parameter values.
     exact : bool
         Whether the columns are exact or to first order in the effect.
+    exact_travel : bool
+        Whether the kinematic column is exact where the torque's is not.
     confounded : tuple of str
         Effects it is easily taken for.
     revealed_by : str
@@ -120,6 +122,7 @@ class Effect:
     bounds: Callable[[Sequence[Motion], Place], list[tuple[float, float]]] = lambda motions, place: []
     signs: tuple[int, ...] = (0,)
     exact: bool = True
+    exact_travel: bool = False
     confounded: tuple[str, ...] = ()
     revealed_by: str = ""
     reference: str = ""
@@ -964,6 +967,7 @@ CATALOGUE: dict[str, Effect] = {
             _ratio,
             _named("relative_error"),
             exact=False,
+            exact_travel=True,
             confounded=("torque_gain_error", "cable_elasticity", "pulley_eccentricity"),
             revealed_by="the full range, encoders on both sides",
             reference=_MAP,
@@ -996,6 +1000,7 @@ CATALOGUE: dict[str, Effect] = {
             _sinusoid("relative_eccentricity"),
             signs=(0, 0),
             exact=False,
+            exact_travel=True,
             confounded=("transmission_ratio_error", "torque_ripple"),
             revealed_by="the full range at two loads",
             inverse=lambda p: (_wave(p, "relative_eccentricity"), []),
@@ -1056,6 +1061,7 @@ CATALOGUE: dict[str, Effect] = {
             _encoder,
             _named("offset"),
             exact=False,
+            exact_travel=True,
             confounded=("base_tilt", "payload"),
             revealed_by="encoders on both sides, or a spirit level",
             reference="kinematic calibration",

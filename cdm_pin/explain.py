@@ -10,6 +10,7 @@ import numpy as np
 from .effects import Candidate
 from .events import Reporter
 from .selection import Bank, Fit, ProgressCallback, Score, Search, all_candidates, family_wise, tones
+from .whitening import Whitener
 
 
 @dataclass(frozen=True)
@@ -48,15 +49,20 @@ class Explanation:
         Without any effect, in the same noise.
     bank : Bank
         All candidates that were screened.
-    scores : list of Score
-        Of all candidates given the found ones.
+    search : Search
+        What computes further scores.
     """
 
     found: tuple[Found, ...]
     fit: Fit
     rigid: Fit
     bank: Bank
-    scores: list[Score]
+    search: Search
+
+    @property
+    def scores(self) -> list[Score]:
+        """Of all candidates given the found ones."""
+        return self.search.score_all(self.fit, self.bank)
 
     @property
     def worth(self) -> float:
@@ -102,7 +108,7 @@ def explained(search: Search, bank: Bank, accepted: list[Candidate]) -> Explanat
     fit = search.fit(accepted)
     rigid = search.fit([], fit.whitener)
     found = tuple(_compare(search, bank, accepted, j) for j in range(len(accepted)))
-    return Explanation(found, fit, rigid, bank, search.score_all(fit, bank))
+    return Explanation(found, fit, rigid, bank, search)
 
 
 def _grow(search: Search, bank: Bank, accepted: list[Candidate], say: Reporter) -> list[Candidate]:
@@ -111,12 +117,8 @@ def _grow(search: Search, bank: Bank, accepted: list[Candidate], say: Reporter) 
         if len(accepted) >= search.settings.most:
             break
         fit = search.fit(accepted)
-        rigid = search.fit([], fit.whitener)
         clear = search.fit(accepted, search.clear(accepted))
-        explained = search.fit([], clear.whitener).deviance - clear.deviance
-        if not _asked(search, fit, bank, rigid.deviance - fit.deviance, accepted) and not _shouted(
-            search, clear, bank, explained, accepted
-        ):
+        if not _asked(search, fit, bank, accepted) and not _shouted(search, clear, bank, accepted):
             break
         leaders = [c for c, _, _ in _leaders(search, clear, bank, 12, accepted)]
         say.looked(clear, leaders)
@@ -137,10 +139,9 @@ def patch(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candida
     fit = search.fit(accepted)
     clear = search.fit(accepted, search.clear(accepted))
     for f in (fit, clear):
-        total = search.fit([], f.whitener).deviance - f.deviance
         for candidate, score, weight in _leaders(search, f, bank, 3, accepted, named=False):
             heard = f is fit or _is_loud(score)
-            if heard and gain(search, f, candidate, score) > 0 and _passes(search, candidate, score, weight, total):
+            if heard and gain(search, f, candidate, score) > 0 and _passes(search, candidate, score, weight, f):
                 rest = [c for c in accepted if not _meets(c, candidate)]
                 kept = _worth(search, clear, accepted, rest, candidate)
                 return [*(accepted if kept else rest), candidate]
@@ -177,14 +178,26 @@ def gain(search: Search, fit: Fit, candidate: Candidate, score: Score) -> float:
     return 0.5 * score.statistic - 0.5 * np.log(fit.n_rows) * (score.k + candidate.extra)
 
 
-def _passes(search: Search, candidate: Candidate, score: Score, weight: float, explained: float) -> bool:
+def _passes(search: Search, candidate: Candidate, score: Score, weight: float, fit: Fit) -> bool:
+    """Whether a candidate is significant, visible, and more than an error of the laws that are in the fit already."""
     s = search.settings
-    error = s.model_error if candidate.named else s.patch_error
     return (
         score.visible > s.visible
         and family_wise(score, candidate, weight) < np.log(s.alarm)
-        and score.statistic > error**2 * explained
+        and score.statistic > _error_of_laws(search, candidate, score, fit)
     )
+
+
+def _error_of_laws(search: Search, candidate: Candidate, score: Score, fit: Fit) -> float:
+    """Bound the statistic that a candidate gets from laws in the fit that are right up to a small share of themselves.
+
+    The error may take any sign at any sample, so that it can look like the candidate where the two are there together.
+    """
+    if not fit.effects:
+        return 0.0
+    share = search.settings.model_error if candidate.named else search.settings.patch_error
+    own = score.beta @ fit.rest(search.white(fit.whitener, search.columns(candidate)))
+    return float((np.abs(own) @ search.size_of_laws(fit)) ** 2 / max(own @ own, 1e-300)) * share**2
 
 
 def _leaders(
@@ -204,18 +217,18 @@ def _leaders(
     return [(bank.candidates[i], score, bank.weight[i]) for _, i, score in order]
 
 
-def _asked(search: Search, fit: Fit, bank: Bank, explained: float, taken: Sequence[Candidate]) -> bool:
+def _asked(search: Search, fit: Fit, bank: Bank, taken: Sequence[Candidate]) -> bool:
     """Whether the data ask for any further effect."""
-    return any(_passes(search, *leader, explained) for leader in _leaders(search, fit, bank, 40, taken))
+    return any(_passes(search, *leader, fit) for leader in _leaders(search, fit, bank, 40, taken))
 
 
-def _shouted(search: Search, clear: Fit, bank: Bank, explained: float, taken: Sequence[Candidate]) -> bool:
+def _shouted(search: Search, clear: Fit, bank: Bank, taken: Sequence[Candidate]) -> bool:
     """Whether an effect stands out so far once common effects are taken out that no care about the noise is needed.
 
     A strong slow effect can pass for slow noise; its statistic in the clear noise is then many times the threshold.
     """
     loud = [x for x in _leaders(search, clear, bank, 10, taken) if _is_loud(x[1])]
-    return any(_passes(search, *leader, explained) for leader in loud)
+    return any(_passes(search, *leader, clear) for leader in loud)
 
 
 def _is_loud(score: Score) -> bool:
@@ -287,22 +300,28 @@ def _merge(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candid
             k = sum(search.score(without, c).k + c.extra for c in (accepted[i], accepted[j]))
             both = 0.5 * pair - 0.5 * np.log(without.n_rows) * k
             single = _winner(search, without, [c for c, _, _ in _leaders(search, without, bank, 4, others)])
-            slack = 0.5 * search.settings.law_error**2 * pair
+            share = (search.settings.law_error / search.settings.model_error) ** 2
+            slack = 0.5 * share * min(_alone(search, accepted, x, whitener) for x in (i, j))
             if single is not None and gain(search, without, *single) >= both - slack:
                 return [*others, single[0]]
     return accepted
+
+
+def _alone(search: Search, accepted: list[Candidate], j: int, whitener: Whitener) -> float:
+    """Bound the statistic that effect `j` would get from errors of the other laws."""
+    without = search.fit([c for i, c in enumerate(accepted) if i != j], whitener)
+    return _error_of_laws(search, accepted[j], search.score(without, accepted[j]), without)
 
 
 def prune(search: Search, accepted: list[Candidate]) -> list[Candidate]:
     """Drop effects that the others make superfluous."""
     while accepted:
         fit = search.fit(accepted)
-        explained = search.fit([], fit.whitener).deviance - fit.deviance
         weakest, worst = -1, np.inf
         for j, candidate in enumerate(accepted):
             others = search.fit([c for i, c in enumerate(accepted) if i != j], fit.whitener)
             score = search.score(others, candidate)
-            quiet = not _passes(search, candidate, score, 0.01, explained)
+            quiet = not _passes(search, candidate, score, 0.01, others)
             if _backwards(search, fit, j):
                 score = replace(score, statistic=-np.inf)
             if score.statistic < worst and ((quiet and not _is_loud(score)) or score.statistic < 0.0):
@@ -314,11 +333,10 @@ def prune(search: Search, accepted: list[Candidate]) -> list[Candidate]:
 
 
 def _backwards(search: Search, fit: Fit, j: int) -> bool:
-    """Whether a coefficient of effect `j` that cannot be negative is, by more than three standard errors."""
+    """Whether the leading coefficient of effect `j` cannot be negative but is, by more than three standard errors."""
     start = len(search.base.columns) + sum(len(beta) for beta in fit.beta[:j])
-    std = np.sqrt(np.maximum(np.diag(fit.covariance)[start : start + len(fit.beta[j])], 0.0))
-    signs = fit.effects[j].effect.signs
-    return any(s and b < -3 * e for s, b, e in zip(signs, fit.beta[j], std, strict=False))
+    std = np.sqrt(max(fit.covariance[start, start], 0.0))
+    return bool(fit.effects[j].effect.signs[:1] == (1,) and fit.beta[j][0] < -3 * std)
 
 
 def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> Found:

@@ -34,7 +34,7 @@ def shape_slopes(search: Search, candidate: Candidate, beta: Vector) -> list[lis
         for step in (h, -h):
             shape = (*candidate.shape[:i], value + step, *candidate.shape[i + 1 :])
             columns = search.problem.reduce(replace(candidate, shape=shape).columns)
-            sides.append([np.tensordot(beta, c, 1) for c in columns])
+            sides.append([np.tensordot(beta, c.dense(), 1) for c in columns])
         slopes.append([(a - b)[None] / (2 * h) for a, b in zip(*sides, strict=True)])
     return slopes
 
@@ -112,7 +112,7 @@ def canonical_correlation(search: Search, without: Fit, a: Candidate, b: Candida
     bases = []
     for candidate in (a, b):
         W = search.white(without.whitener, search.columns(candidate))
-        perp = (W - (W @ without.Q) @ without.Q.T).T
+        perp = without.rest(W).T
         norms = np.linalg.norm(perp, axis=0)
         if not norms.any():
             return 0.0
@@ -178,9 +178,7 @@ def sensitivities(search: Search, explanation: Explanation) -> list[dict[str, An
     names = search.base.names
     bank = explanation.bank
     accepted = {f.candidate.key for f in explanation.found}
-    for candidate, score, part, weight in zip(
-        bank.candidates, explanation.scores, bank.slices, bank.weight, strict=True
-    ):
+    for candidate, score, weight in zip(bank.candidates, explanation.scores, bank.weight, strict=True):
         if not candidate.named or candidate.key in accepted:
             continue
         k = max(score.k, 1)
@@ -197,7 +195,7 @@ def sensitivities(search: Search, explanation: Explanation) -> list[dict[str, An
             "absorbed_by": [],
         }
         if visible <= 0.3 and candidate.key not in rows:
-            columns = [c[part][:1] for c in bank.columns]
+            columns = [c[:1] for c in search.columns(candidate)]
             row["absorbed_by"] = _absorbing(search, explanation.fit, columns, names)
         old = rows.get(candidate.key)
         if old is None or (row["amplitude"] or np.inf) < (old["amplitude"] or np.inf):
@@ -232,13 +230,11 @@ def refit_gain(found: Found) -> float:
 def absorbed(search: Search, explanation: Explanation, least: float = 0.02) -> list[dict[str, Any]]:
     """List the effects that the rigid body takes up (almost) whole, with the base parameters that take them up."""
     out, seen = [], set()
-    for candidate, score, part in zip(
-        explanation.bank.candidates, explanation.scores, explanation.bank.slices, strict=True
-    ):
+    for candidate, score in zip(explanation.bank.candidates, explanation.scores, strict=True):
         if not candidate.named or candidate.key in seen or not 0.0 < score.visible < least:
             continue
         seen.add(candidate.key)
-        columns = [c[part][:1] for c in explanation.bank.columns]
+        columns = [c[:1] for c in search.columns(candidate)]
         names = _absorbing(search, explanation.fit, columns, search.base.names)
         out.append({"effect": candidate.effect.name, "location": location(candidate), "parameters": names})
     return out

@@ -18,7 +18,7 @@ from .recording import Recording
 from .regressor import motor_regressor
 from .signals import Signals, prepare
 from .signals_filters import differentiate, lowpass
-from .whitening import Segments
+from .whitening import Lines, Segments
 
 
 @dataclass(frozen=True)
@@ -126,6 +126,12 @@ class Problem:
         return self.model.n_motors * (self.torque + self.kinematic)
 
     @property
+    def blocks(self) -> list[slice]:
+        """Channels of torque, and of travel; their noises come from different sensors."""
+        m = self.model.n_motors
+        return [slice(k, k + m) for k in range(0, self.n_channels, m)]
+
+    @property
     def motions(self) -> list[Motion]:
         """The motions of all runs."""
         return [run.motion for run in self.runs]
@@ -164,28 +170,26 @@ class Problem:
             banks.append(self.band.reduce(bank))
         return banks
 
-    def reduce(self, columns: Callable[[Motion], Columns]) -> list[Vector]:
-        """Compute columns on every run and bring them into the band, shape (k, n_channels, n_reduced) each."""
+    def reduce(self, columns: Callable[[Motion], Columns]) -> list[Lines]:
+        """Compute columns on every run and bring them into the band."""
         return [self._reduce(columns(run.motion), run.motion.n) for run in self.runs]
 
-    def _reduce(self, columns: Columns, n: int) -> Vector:
+    def _reduce(self, columns: Columns, n: int) -> Lines:
         m = self.model.n_motors
         if columns.along is not None:
             series, w = columns.along
-            reduced = self.band.reduce(series)
-            out = np.zeros((len(series), self.n_channels, reduced.shape[-1]))
+            weights = np.zeros((len(series), self.n_channels))
             if self.torque:
-                out[:, :m] = reduced[:, None, :] * w[:, None]
-            return out
+                weights[:, :m] = w
+            return Lines(self.band.reduce(series), weights, np.arange(len(series)), len(series))
         known = columns.torque if columns.torque is not None else columns.kinematic
-        if known is None:
-            return self.band.reduce(np.zeros((1, self.n_channels, n)))
-        full = np.zeros((known.shape[2], self.n_channels, n))
+        full = np.zeros((1 if known is None else known.shape[2], self.n_channels, n))
         if self.torque and columns.torque is not None:
             full[:, :m] = columns.torque.transpose(2, 1, 0)
         if self.kinematic and columns.kinematic is not None:
             full[:, m * self.torque :] = columns.kinematic.transpose(2, 1, 0)
-        return self.band.reduce(full)
+        lines = Lines.of(full)
+        return Lines(self.band.reduce(lines.series), lines.weights, lines.owner, lines.n_columns)
 
     def with_model(self, model: CableModel) -> Problem:
         """Give the same problem with other inertial parameters in the motions."""

@@ -18,7 +18,8 @@ from .geometry import Vector
 from .model import CableModel
 from .patches import PATCHES, TONE
 from .problem import Problem
-from .whitening import Segments, Whitener, fit_whitener, log_p, quiet_segments
+from .spectra import Spectrum, spectrum, stands_out, whitener_of
+from .whitening import Lines, Segments, Whitener, fit_whitener, log_p, quiet_segments
 
 
 @dataclass(frozen=True)
@@ -44,9 +45,6 @@ class Settings:
         Difference of log-likelihood below which a rival stands beside an effect.
     order : int
         Of the autoregressive noise.
-    much : float
-        Ratio of what is left over without and with smooth functions of the state, above which these are taken out of
-        the noise before effects are compared.
     most : int
         Effects at most.
     at_once : int
@@ -62,7 +60,6 @@ class Settings:
     same: float = 0.95
     close: float = 3.0
     order: int = 24
-    much: float = 1.25
     most: int = 6
     at_once: int = 2
 
@@ -76,7 +73,7 @@ class Bank:
     candidates : tuple of Candidate
     slices : tuple of slice
         Where each one's columns are.
-    columns : list of ndarray, shape (n_columns, n_channels, n_reduced)
+    lines : list of Lines
         One per run.
     weight : ndarray, shape (n_candidates,)
         Share of the alarm that each candidate may spend; sums to one.
@@ -84,7 +81,7 @@ class Bank:
 
     candidates: tuple[Candidate, ...]
     slices: tuple[slice, ...]
-    columns: list[Vector]
+    lines: list[Lines]
     weight: Vector
 
 
@@ -114,6 +111,26 @@ class Score:
 
 
 @dataclass(frozen=True)
+class Body:
+    """The rigid body in whitened data.
+
+    Attributes
+    ----------
+    Q : ndarray, shape (n_rows, rank)
+        Orthonormal basis of its columns.
+    inverse : ndarray, shape (n_parameters, rank)
+        Base parameters per coordinate in that basis.
+    data, residual : ndarray, shape (n_rows,)
+        What is measured, and what is left of it.
+    """
+
+    Q: Vector
+    inverse: Vector
+    data: Vector
+    residual: Vector
+
+
+@dataclass(frozen=True)
 class Fit:
     """Rigid body and effects fitted to whitened data.
 
@@ -122,8 +139,9 @@ class Fit:
     problem : Problem
     whitener : Whitener
     effects : tuple of Candidate
+    body : Body
     Q : ndarray, shape (n_rows, rank)
-        Orthonormal basis of all columns in the fit.
+        Orthonormal basis of the effects' columns as far as the rigid body leaves them over.
     residual : ndarray, shape (n_rows,)
         Whitened.
     base : ndarray
@@ -137,6 +155,7 @@ class Fit:
     problem: Problem
     whitener: Whitener
     effects: tuple[Candidate, ...]
+    body: Body
     Q: Vector
     residual: Vector
     base: Vector
@@ -153,9 +172,24 @@ class Fit:
         """Residual sum of squares in whitened units."""
         return float(self.residual @ self.residual)
 
+    def rest(self, W: Vector) -> Vector:
+        """Take from whitened columns what the fit spans, shape (n_columns, n_rows)."""
+        W = W - (W @ self.body.Q) @ self.body.Q.T
+        return W - (W @ self.Q) @ self.Q.T
+
+
+@dataclass(frozen=True)
+class WhiteBank:
+    """A bank in one noise: whitened columns, their inner products, and these beside the rigid body."""
+
+    W: Vector
+    full: Vector
+    left: Vector
+    grams: dict[int, Vector]
+
 
 class Search:
-    """Fits and scores on one problem; keeps the banks of columns between steps.
+    """Fits and scores on one problem; keeps what was computed between steps.
 
     Parameters
     ----------
@@ -168,7 +202,13 @@ class Search:
         self.problem, self.base, self.settings = problem, base, settings
         self._cache: dict[Any, list[Vector]] = {}
         self._clear: dict[Any, Whitener] = {}
-        self._white: tuple[Any, Any, Vector] | None = None
+        self._noise: dict[Any, Whitener] = {}
+        self._bodies: Recent = Recent(4)
+        self._fits: Recent = Recent(24)
+        self._banks: Recent = Recent(2)
+        self._scores: Recent = Recent(8)
+        self._sizes: Recent = Recent(8)
+        self._rests: Recent = Recent(8)
 
     @cached_property
     def nominal(self) -> list[Vector]:
@@ -188,7 +228,7 @@ class Search:
         """Columns of a candidate in the band, per run; kept for the next time."""
         key = (candidate.key, candidate.shape)
         if key not in self._cache:
-            self._cache[key] = self.problem.reduce(candidate.columns)
+            self._cache[key] = [lines.dense() for lines in self.problem.reduce(candidate.columns)]
         return self._cache[key]
 
     def white(self, whitener: Whitener, banks: Sequence[Vector], segments: Sequence[Segments] | None = None) -> Vector:
@@ -213,27 +253,68 @@ class Search:
         level = np.array([_level(self.nominal, self.problem.segments, c) for c in range(n)])
         return Whitener(np.zeros((n, 1)), np.diag(1 / level), np.ones(len(self.problem.runs)))
 
-    def fit(self, effects: Sequence[Candidate], whitener: Whitener | None = None, rounds: int = 3) -> Fit:
-        """Fit rigid body and effects; estimate the noise anew unless a whitener is given."""
-        own = [self.columns(c) for c in effects]
+    def noise(self, effects: Sequence[Candidate], rounds: int = 3) -> Whitener:
+        """Estimate the noise as what rigid body and effects leave over."""
+        key = _key(effects)
+        if key not in self._noise:
+            own = [self.columns(c) for c in effects]
+            banks = [
+                np.concatenate([self.rigid[r], *[columns[r] for columns in own], self.nominal[r][None]])
+                for r in range(len(self.rigid))
+            ]
+            whitener, quiet = self.plain, self.problem.segments
+            for _ in range(rounds):
+                W = self.white(whitener, banks, quiet)
+                theta = _least_squares(W[:-1], W[-1])[0]
+                residuals = [bank[-1] - np.tensordot(theta, bank[:-1], 1) for bank in banks]
+                quiet = quiet_segments(residuals, self.problem.segments)
+                whitener = fit_whitener(residuals, quiet, self.settings.order, self.problem.blocks)
+            self._noise[key] = whitener
+        return self._noise[key]
+
+    def body(self, whitener: Whitener) -> Body:
+        """Whiten data and rigid body."""
+        known = self._bodies.get(whitener)
+        if known is not None:
+            return known
         banks = [
-            np.concatenate([self.rigid[r], *[columns[r] for columns in own], self.nominal[r][None]])
-            for r in range(len(self.rigid))
+            np.concatenate([rigid, nominal[None]]) for rigid, nominal in zip(self.rigid, self.nominal, strict=True)
         ]
-        estimate = whitener is None
+        W = self.white(whitener, banks)
+        _, Q, inverse = _least_squares(W[:-1], W[-1])
+        return self._bodies.keep(Body(Q, inverse, W[-1], W[-1] - Q @ (Q.T @ W[-1])), whitener)
+
+    def fit(self, effects: Sequence[Candidate], whitener: Whitener | None = None) -> Fit:
+        """Fit rigid body and effects; estimate the noise anew unless a whitener is given."""
         if whitener is None:
-            whitener = self.plain
-        quiet = self.problem.segments
-        for _ in range(rounds if estimate else 0):
-            theta = self._solve(self.white(whitener, banks, quiet))[0]
-            residuals = [bank[-1] - np.tensordot(theta, bank[:-1], 1) for bank in banks]
-            quiet = quiet_segments(residuals, self.problem.segments)
-            whitener = fit_whitener(residuals, quiet, self.settings.order)
-        theta, Q, residual, covariance = self._solve(self.white(whitener, banks))
-        p = len(self.base.columns)
-        sizes = np.cumsum([p, *[columns[0].shape[0] for columns in own]])
+            whitener = self.noise(effects)
+        order = tuple((c.key, c.shape) for c in effects)
+        known = self._fits.get(whitener, order)
+        return known if known is not None else self._fits.keep(self._fit(effects, whitener), whitener, order)
+
+    def _fit(self, effects: Sequence[Candidate], whitener: Whitener) -> Fit:
+        body = self.body(whitener)
+        own = [self.white(whitener, self.columns(c)) for c in effects]
+        X = np.concatenate([np.zeros((0, len(body.data))), *own])
+        inside = X @ body.Q
+        free, size = X - inside @ body.Q.T, np.linalg.norm(X, axis=1)
+        theta, Q, inverse = _least_squares(free, body.residual, size)
+        signs = np.array([s for c, x in zip(effects, own, strict=True) for s in _minor_signs(c, len(x))])
+        while len(signs) and np.any((signs > 0) & (theta < 0)):  # held at their bound, zero
+            free[np.argmin(np.where(signs > 0, theta * size, np.inf))] = 0.0
+            theta, Q, inverse = _least_squares(free, body.residual, size)
+        carried = -body.inverse @ inside.T  # base parameters per coefficient
+        base = body.inverse @ (body.Q.T @ body.data) + carried @ theta
+        p, k = len(base), len(theta)
+        covariance = np.zeros((p + k, p + k))
+        covariance[p:, p:] = inverse @ inverse.T
+        covariance[:p, p:] = carried @ covariance[p:, p:]
+        covariance[p:, :p] = covariance[:p, p:].T
+        covariance[:p, :p] = body.inverse @ body.inverse.T + covariance[:p, p:] @ carried.T
+        sizes = np.cumsum([0, *[len(x) for x in own]])
         beta = tuple(theta[a:b] for a, b in itertools.pairwise(sizes))
-        return Fit(self.problem, whitener, tuple(effects), Q, residual, theta[:p], beta, covariance)
+        residual = body.residual - Q @ (Q.T @ body.residual)
+        return Fit(self.problem, whitener, tuple(effects), body, Q, residual, base, beta, covariance)
 
     @cached_property
     def smooth(self) -> list[Vector]:
@@ -249,98 +330,155 @@ class Search:
             )
         candidates = [*self.common, *all_candidates(self.problem, names), *tones(self)]
         parts = [self.columns(c) for c in candidates]
-        return [np.concatenate([columns[r] for columns in parts]) for r in range(len(self.rigid))]
+        own = self.unshared
+        return [np.concatenate([own[r], *[columns[r] for columns in parts]]) for r in range(len(self.rigid))]
 
-    def left_over(self, effects: Sequence[Candidate], smooth: bool = True) -> list[Vector]:
-        """Residuals of a plain fit of rigid body and effects, with the smooth columns or without, per run.
+    @cached_property
+    def unshared(self) -> list[Vector]:
+        """Columns of the rigid body with parameters of their own for every motor, and their rates of change, per run.
 
-        They are scaled up for the number of columns, shape (n_channels, n_reduced).
+        Wrong gains, ratios, angles and delays part the motors' parameters from each other.
         """
+        m = self.problem.model.n_motors
+        if not self.problem.torque:
+            return [np.zeros((0, *rigid.shape[1:])) for rigid in self.rigid]
+        out = []
+        for rigid in self.rigid:
+            parts = []
+            for i in range(m):
+                own = np.zeros_like(rigid)
+                own[:, i] = rigid[:, i]
+                own = own[own.any(axis=(1, 2))]
+                parts += [own, np.gradient(own, axis=2)] if m < 5 else [own]
+            out.append(np.concatenate(parts))
+        return out
+
+    def left_over(self, effects: Sequence[Candidate], smooth: bool = True) -> tuple[list[Vector], Spectrum]:
+        """Take a plain fit of rigid body and effects, with the smooth columns or without, from the data.
+
+        Returns
+        -------
+        residuals : list of ndarray, shape (n_channels, n_reduced)
+            One per run.
+        noise : Spectrum
+            Of what is left, free of what the columns took with them.
+        """
+        known = self._rests.get(_key(effects), smooth)
+        if known is not None:
+            return known
         own = [self.columns(c) for c in effects]
         banks = []
         for r in range(len(self.rigid)):
             parts = [self.rigid[r], *[columns[r] for columns in own], *([self.smooth[r]] if smooth else [])]
             banks.append(np.concatenate([*parts, self.nominal[r][None]]))
-        W = self.white(self.plain, banks)
-        A, b = W[:-1], W[-1]
+        inside = [_inside(bank, run) for bank, run in zip(banks, self.problem.segments, strict=True)]
+        W = np.concatenate([b.reshape(len(b), -1) for b in inside], axis=1)
+        level = np.concatenate([np.repeat(1 / np.diag(self.plain.mix), b.shape[2]) for b in inside])
+        A, b = W[:-1] / level, W[-1] / level
         scale = np.linalg.norm(A, axis=1)
-        scale[scale == 0] = 1.0
-        A = A / scale[:, None]
+        A = A[scale > 0] / scale[scale > 0, None]
         values, vectors = np.linalg.eigh(A @ A.T)
         keep = values > 1e-9 * values[-1]
-        theta = vectors[:, keep] @ ((vectors[:, keep].T @ (A @ b)) / values[keep]) / scale
-        inflation = np.sqrt(len(b) / max(len(b) - int(keep.sum()), 1))
-        return [(bank[-1] - np.tensordot(theta, bank[:-1], 1)) * inflation for bank in banks]
+        Q = (vectors[:, keep] / np.sqrt(values[keep])).T @ A
+        rest = (b - Q.T @ (Q @ b)) * level
+        residuals, basis, first = [], [], 0
+        for bank, run, part in zip(banks, self.problem.segments, inside, strict=True):
+            size = part.shape[1] * part.shape[2]
+            residuals.append(
+                _outside(rest[None, first : first + size].reshape(1, *part.shape[1:]), run, bank.shape[2])[0]
+            )
+            basis.append(_outside(Q[:, first : first + size].reshape(len(Q), *part.shape[1:]), run, bank.shape[2]))
+            first += size
+        quiet = quiet_segments(residuals, self.problem.segments)
+        return self._rests.keep((residuals, spectrum(residuals, basis, quiet)), _key(effects), smooth)
 
     def clear(self, effects: Sequence[Candidate]) -> Whitener:
-        """Estimate the noise with smooth functions of the state taken out beside `effects`.
-
-        Only where much is left unexplained; a little does no harm to the estimate, and the smooth functions would.
-        """
-        key = tuple((c.key, c.shape) for c in effects)
+        """Estimate the noise with smooth functions of the state taken out beside `effects`, if these leave any over."""
+        key = _key(effects)
         if key not in self._clear:
-            rest, rough = self.left_over(effects), self.left_over(effects, smooth=False)
-            ratio = max(
-                _level(rough, self.problem.segments, c) / _level(rest, self.problem.segments, c)
-                for c in range(self.problem.n_channels)
-            )
-            if ratio > self.settings.much:
+            rest, noise = self.left_over(effects)
+            rough = self.left_over(effects, smooth=False)[1]
+            if stands_out(rough, noise):
                 quiet = quiet_segments(rest, self.problem.segments)
-                self._clear[key] = fit_whitener(rest, quiet, self.settings.order)
+                self._clear[key] = whitener_of(noise, rest, quiet, self.settings.order, self.problem.blocks)
             else:
-                self._clear[key] = self.fit(effects).whitener
+                self._clear[key] = self.noise(effects)
         return self._clear[key]
 
-    @staticmethod
-    def _solve(W: Vector) -> tuple[Vector, Vector, Vector, Vector]:
-        A, b = W[:-1].T, W[-1]
-        scale = np.linalg.norm(A, axis=0)
-        scale[scale == 0] = 1.0
-        U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
-        keep = s > 1e-6 * s[0] if len(s) else s > 0
-        U, s, Vt = U[:, keep], s[keep], Vt[keep]
-        c = U.T @ b
-        theta = (Vt.T @ (c / s)) / scale
-        inverse = (Vt.T / s) / scale[:, None]
-        return theta, U, b - U @ c, inverse @ inverse.T
+    def size_of_laws(self, fit: Fit) -> Vector:
+        """Add up the magnitudes of what each effect in a fit contributes, as far as it is not exact, whitened.
+
+        Returns
+        -------
+        ndarray, shape (n_rows,)
+        """
+        known = self._sizes.get(fit)
+        if known is None:
+            known = np.zeros(fit.n_rows)
+            for candidate, beta in zip(fit.effects, fit.beta, strict=True):
+                parts = [np.tensordot(beta, columns, 1)[None] for columns in self.columns(candidate)]
+                if candidate.effect.exact_travel and self.problem.torque:
+                    for part in parts:
+                        part[:, self.problem.model.n_motors :] = 0.0
+                known = known + np.abs(self.white(fit.whitener, parts)[0])
+            self._sizes.keep(known, fit)
+        return known
 
     def bank(self, candidates: Sequence[Candidate]) -> Bank:
         """Compute the columns of many candidates."""
-        slices, parts, start = [], [], 0
-        for candidate in candidates:
-            columns = self.columns(candidate)
-            k = columns[0].shape[0]
-            slices.append(slice(start, start + k))
-            start += k
-            parts.append(columns)
-        runs = [np.concatenate([columns[r] for columns in parts]) for r in range(len(self.problem.runs))]
+        parts = [self.problem.reduce(candidate.columns) for candidate in candidates]
+        first = np.cumsum([0, *[part[0].n_columns for part in parts]])
+        runs = [Lines.join([part[r] for part in parts]) for r in range(len(self.problem.runs))] if parts else []
         shapes = Counter(c.key for c in candidates)
         weight = np.array([1 / (len(shapes) * shapes[c.key]) for c in candidates])
-        return Bank(tuple(candidates), tuple(slices), runs, weight)
+        slices = tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(first))
+        return Bank(tuple(candidates), slices, runs, weight)
 
-    def _bank_white(self, whitener: Whitener, bank: Bank) -> Vector:
-        if len(bank.candidates) < 10:
-            return self.white(whitener, bank.columns)
-        if self._white is None or self._white[0] is not whitener or self._white[1] is not bank:
-            self._white = (whitener, bank, self.white(whitener, bank.columns))
-        return self._white[2]
+    def _white_bank(self, body: Body, whitener: Whitener, bank: Bank) -> WhiteBank:
+        known = self._banks.get(whitener, bank)
+        if known is not None:
+            return known
+        segments = self.problem.segments
+        parts = [whitener.lines(lines, run, r) for r, (lines, run) in enumerate(zip(bank.lines, segments, strict=True))]
+        W = np.concatenate(parts, axis=1)
+        full = np.einsum("ij,ij->i", W, W)
+        inside = W @ body.Q
+        left = full - np.einsum("ij,ij->i", inside, inside)
+        wide = {i: s for i, s in enumerate(bank.slices) if s.stop - s.start > 1}
+        grams = {i: W[s] @ W[s].T - inside[s] @ inside[s].T for i, s in wide.items()}
+        return self._banks.keep(WhiteBank(W, full, left, grams), whitener, bank)
 
     def score_all(self, fit: Fit, bank: Bank) -> list[Score]:
         """Score every candidate of a bank against a fit."""
         if not bank.candidates:
             return []
-        W = self._bank_white(fit.whitener, bank)
-        perp = W - (W @ fit.Q) @ fit.Q.T
-        c = perp @ fit.residual
-        full, left = np.einsum("ij,ij->i", W, W), np.einsum("ij,ij->i", perp, perp)
-        return [
-            _score(perp[s], c[s], full[s], left[s], candidate.effect.signs)
-            for candidate, s in zip(bank.candidates, bank.slices, strict=True)
-        ]
+        known = self._scores.get(fit, bank)
+        return known if known is not None else self._scores.keep(self._score_all(fit, bank), fit, bank)
+
+    def _score_all(self, fit: Fit, bank: Bank) -> list[Score]:
+        white = self._white_bank(fit.body, fit.whitener, bank)
+        inside, c = white.W @ fit.Q, white.W @ fit.residual
+        left = np.maximum(white.left - np.einsum("ij,ij->i", inside, inside), 0.0)
+        single = _score_single(c, white.full, left)
+        out = []
+        for i, (candidate, s) in enumerate(zip(bank.candidates, bank.slices, strict=True)):
+            signs = candidate.effect.signs
+            if i in white.grams:
+                gram = white.grams[i] - inside[s] @ inside[s].T
+                out.append(_score(gram, c[s], white.full[s], left[s], signs))
+                continue
+            statistic, beta, visible, norm = (float(x[s.start]) for x in single)
+            if np.isfinite(statistic) and signs and signs[0] and beta < 0:
+                statistic, beta = -np.inf, 0.0
+            out.append(Score(statistic, int(norm > 0), np.array([beta]), visible, norm))
+        return out
 
     def score(self, fit: Fit, candidate: Candidate) -> Score:
         """Score one candidate."""
-        return self.score_all(fit, self.bank([candidate]))[0]
+        W = self.white(fit.whitener, self.columns(candidate))
+        rest = fit.rest(W)
+        gram = rest @ rest.T
+        return _score(gram, rest @ fit.residual, np.einsum("ij,ij->i", W, W), np.diag(gram), candidate.effect.signs)
 
     def refine(self, fit: Fit, candidate: Candidate, rounds: int = 2) -> tuple[Candidate, Score]:
         """Estimate the shape of a candidate: one nonlinear parameter after the other, to the best score."""
@@ -383,22 +521,65 @@ def _level(data: Sequence[Vector], segments: Sequence[Any], channel: int) -> flo
     return float(np.std(np.concatenate(values))) + 1e-12 if values else 1.0
 
 
-def _score(perp: Vector, c: Vector, full: Vector, left: Vector, signs: Sequence[int]) -> Score:
-    if len(c) == 1 and left[0] > 1e-6 * full[0] > 0.0:
-        beta = c / left
-        good = not (signs and signs[0] and beta[0] < 0)
-        statistic = float(c[0] * beta[0]) if good else -np.inf
-        return Score(
-            statistic, 1, beta if good else 0 * beta, float(np.sqrt(left[0] / full[0])), float(np.sqrt(left[0]))
-        )
+def _minor_signs(candidate: Candidate, k: int) -> list[int]:
+    """Signs of the coefficients after the first; the first one's decides whether there is an effect at all."""
+    return [0, *candidate.effect.signs[1:k], *[0] * k][:k]
+
+
+def _inside(bank: Vector, run: Segments) -> Vector:
+    return np.concatenate([bank[..., a:b] for a, b in run] or [bank[..., :0]], axis=-1)
+
+
+def _outside(rows: Vector, run: Segments, n: int) -> Vector:
+    """Put samples of segments back where they were, zeros elsewhere."""
+    out, first = np.zeros((*rows.shape[:-1], n)), 0
+    for a, b in run:
+        out[..., a:b] = rows[..., first : first + b - a]
+        first += b - a
+    return out
+
+
+def _key(effects: Sequence[Candidate]) -> frozenset[Any]:
+    return frozenset((c.key, c.shape) for c in effects)
+
+
+def _least_squares(A: Vector, b: Vector, size: Vector | None = None) -> tuple[Vector, Vector, Vector]:
+    """Solve A' x = b for the rows of A; give x, an orthonormal basis of the rows, and x per coordinate in it.
+
+    `size` is what the rows are measured by where their own norm would not tell noise from nothing.
+    """
+    own = np.linalg.norm(A, axis=1)
+    scale = np.where(own > 1e-7 * (own if size is None else size), own, np.inf)
+    if not len(A) or not np.isfinite(scale).any():
+        return np.zeros(len(A)), np.zeros((len(b), 0)), np.zeros((len(A), 0))
+    U, s, Vt = np.linalg.svd((A / scale[:, None]).T, full_matrices=False)
+    keep = s > 1e-6 * s[0]
+    U, inverse = U[:, keep], (Vt[keep].T / s[keep]) / scale[:, None]
+    return inverse @ (U.T @ b), U, inverse
+
+
+def _score_single(c: Vector, full: Vector, left: Vector) -> tuple[Vector, Vector, Vector, Vector]:
+    """Score each column alone: statistic, coefficient, visible share, norm."""
+    there = (left > 1e-6 * full) & (full > 0.0)
+    safe = np.where(there, left, 1.0)
+    visible = np.sqrt(np.maximum(left, 0.0) / np.maximum(full, 1e-300))
+    return np.where(there, c * c / safe, -np.inf), np.where(there, c / safe, 0.0), visible, np.sqrt(there * safe)
+
+
+def _score(gram: Vector, c: Vector, full: Vector, left: Vector, signs: Sequence[int]) -> Score:
+    """Score columns from their inner products beside a fit, and with its residual."""
+    if len(c) == 1:
+        statistic, beta, visible, norm = (float(x[0]) for x in _score_single(c, full, left))
+        if np.isfinite(statistic) and signs and signs[0] and beta < 0:
+            statistic, beta = -np.inf, 0.0
+        return Score(statistic, int(norm > 0), np.array([beta]), visible, norm)
     visible = float(np.sqrt(np.max(left / np.maximum(full, 1e-300)))) if len(full) else 0.0
     keep = left > 1e-6 * full
     nothing = Score(-np.inf, int(keep.sum()), np.zeros(len(c)), visible, 0.0)
     if not keep.any():
         return nothing
     scale = np.sqrt(np.where(keep, left, 1.0))
-    gram = (perp @ perp.T) / scale[:, None] / scale
-    values, vectors = np.linalg.eigh(gram[np.ix_(keep, keep)])
+    values, vectors = np.linalg.eigh((gram / scale[:, None] / scale)[np.ix_(keep, keep)])
     good = values > 1e-7 * values[-1]
     u = vectors[:, good].T @ (c / scale)[keep]
     beta = np.zeros(len(c))
@@ -406,19 +587,44 @@ def _score(perp: Vector, c: Vector, full: Vector, left: Vector, signs: Sequence[
     beta /= scale
     wrong = [i for i, (s, b) in enumerate(zip(signs, beta, strict=False)) if s and b < 0]
     if wrong:
-        return _without(perp, c, full, left, signs, min(wrong, key=lambda i: beta[i] * scale[i]), nothing)
+        return _without(gram, c, full, left, signs, min(wrong, key=lambda i: beta[i] * scale[i]), nothing)
     return Score(float(np.sum(u**2 / values[good])), int(good.sum()), beta, visible, float(np.sqrt(left[0])))
 
 
 def _without(
-    perp: Vector, c: Vector, full: Vector, left: Vector, signs: Sequence[int], i: int, nothing: Score
+    gram: Vector, c: Vector, full: Vector, left: Vector, signs: Sequence[int], i: int, nothing: Score
 ) -> Score:
     """Score again with the coefficient of the wrong sign at its bound, zero (active set)."""
     if len(c) == 1 or i == 0:
         return nothing
     rest = [j for j in range(len(c)) if j != i]
-    score = _score(perp[rest], c[rest], full[rest], left[rest], [signs[j] for j in rest if j < len(signs)])
+    signs = [signs[j] for j in rest if j < len(signs)]
+    score = _score(gram[np.ix_(rest, rest)], c[rest], full[rest], left[rest], signs)
     return replace(score, beta=np.insert(score.beta, i, 0.0)) if np.isfinite(score.statistic) else nothing
+
+
+class Recent:
+    """A few results, each kept for the very objects it was computed from; the oldest goes first."""
+
+    def __init__(self, most: int):
+        self.most = most
+        self._known: dict[Any, tuple[tuple[Any, ...], Any]] = {}
+
+    def get(self, *owners: Any) -> Any:
+        """Give what was kept for these objects, or None."""
+        found = self._known.get(self._name(owners))
+        return found[1] if found is not None else None
+
+    def keep(self, value: Any, *owners: Any) -> Any:
+        """Keep a result and give it back."""
+        self._known[self._name(owners)] = (owners, value)
+        while len(self._known) > self.most:
+            self._known.pop(next(iter(self._known)))
+        return value
+
+    @staticmethod
+    def _name(owners: tuple[Any, ...]) -> tuple[Any, ...]:
+        return tuple(x if isinstance(x, tuple | frozenset | bool) else id(x) for x in owners)
 
 
 def all_candidates(problem: Problem, names: Sequence[str] | None = None) -> list[Candidate]:
@@ -446,7 +652,7 @@ def tones(search: Search, most: int = 3, least: float = 60.0) -> list[Candidate]
     problem = search.problem
     rate = problem.band.rate / problem.band.step
     peaks: dict[float, float] = {}
-    for e, run in zip(search.left_over([], smooth=False), problem.segments, strict=True):
+    for e, run in zip(search.left_over([], smooth=False)[0], problem.segments, strict=True):
         start, stop = max(run, key=lambda s: s[1] - s[0], default=(0, 0))
         n = stop - start
         if n < 256:

@@ -16,6 +16,49 @@ Segments = Sequence[tuple[int, int]]
 
 
 @dataclass(frozen=True)
+class Lines:
+    """Columns as sums of series, each seen by the channels with weights of its own.
+
+    Attributes
+    ----------
+    series : ndarray, shape (m, n_samples)
+    weights : ndarray, shape (m, n_channels)
+    owner : ndarray of int, shape (m,)
+        Which column each series belongs to.
+    n_columns : int
+    """
+
+    series: Vector
+    weights: Vector
+    owner: np.ndarray
+    n_columns: int
+
+    @classmethod
+    def of(cls, bank: Vector) -> Lines:
+        """Take columns apart, shape (n_columns, n_channels, n_samples)."""
+        live = np.argwhere(bank.any(axis=2))
+        return cls(bank[live[:, 0], live[:, 1]], np.eye(bank.shape[1])[live[:, 1]], live[:, 0], len(bank))
+
+    @classmethod
+    def join(cls, parts: Sequence[Lines]) -> Lines:
+        """Put the columns of several behind each other."""
+        first = np.cumsum([0, *[part.n_columns for part in parts]])
+        return cls(
+            np.concatenate([part.series for part in parts]),
+            np.concatenate([part.weights for part in parts]),
+            np.concatenate([part.owner + k for part, k in zip(parts, first, strict=False)]),
+            int(first[-1]),
+        )
+
+    def dense(self) -> Vector:
+        """Add the series up, shape (n_columns, n_channels, n_samples)."""
+        out = np.zeros((self.n_columns, self.weights.shape[1], self.series.shape[1]))
+        for i, w, x in zip(self.owner, self.weights, self.series, strict=True):
+            out[i, w != 0] += w[w != 0, None] * x
+        return out
+
+
+@dataclass(frozen=True)
 class Whitener:
     """Prediction-error filter of each channel, then the inverse root of the innovations' covariance.
 
@@ -53,40 +96,49 @@ class Whitener:
         -------
         ndarray, shape (n_columns, n_rows)
         """
-        n_columns = bank.shape[0]
-        parts = []
-        for start, stop in segments:
-            if stop - start <= 2 * self.order:
-                continue
-            white = _prediction_errors(bank, start, stop, self.coefficients)
-            parts.append(np.matmul(self.mix, white).reshape(n_columns, -1))
-        if not parts:
-            return np.zeros((n_columns, 0))
-        return np.concatenate(parts, axis=1) / self.scale[run]
+        return self.lines(Lines.of(bank), segments, run)
+
+    def lines(self, lines: Lines, segments: Segments, run: int = 0) -> Vector:
+        """Whiten columns of one run that are sums of weighted series, shape (n_columns, n_rows)."""
+        long = [(start, stop) for start, stop in segments if stop - start > 2 * self.order]
+        n_channels = len(self.coefficients)
+        out = np.zeros((lines.n_columns, n_channels * sum(stop - start - self.order for start, stop in long)))
+        if long and len(lines.series):
+            bounds = np.array(long, dtype=np.int64)
+            mix = self.mix / self.scale[run]
+            _whiten(lines.series, lines.weights, lines.owner, bounds, self.coefficients, mix, out)
+        return out
 
 
-@numba.njit(cache=True, fastmath=True)
-def _prediction_errors(bank, start, stop, coefficients):
-    """Filter every column of every channel by 1 - sum_k c_k z^-k; columns that are zero on a channel cost nothing."""
-    n_columns, n_channels, _ = bank.shape
-    order = coefficients.shape[1]
-    n = stop - start - order
-    out = np.zeros((n_columns, n_channels, n))
-    for i in range(n_columns):
-        for c in range(n_channels):
-            x = bank[i, c]
-            if not np.any(x[start:stop]):
-                continue
-            y = out[i, c]
-            y[:] = x[start + order : stop]
-            for k in range(order):
-                a, shift = coefficients[c, k], start + order - k - 1
-                for t in range(n):
-                    y[t] -= a * x[shift + t]
-    return out
+@numba.njit(cache=True, fastmath=True, nogil=True)
+def _whiten(series, weights, owner, bounds, coefficients, mix, out):
+    """Filter every series by 1 - sum_k c_k z^-k of each channel that sees it, mix the channels, add to its column."""
+    n_channels, order = coefficients.shape
+    for m in range(len(series)):
+        x, column = series[m], out[owner[m]]
+        row = 0
+        for s in range(len(bounds)):
+            first, n = bounds[s, 0] + order, bounds[s, 1] - bounds[s, 0] - order
+            for c in range(n_channels):
+                if weights[m, c] == 0.0:
+                    continue
+                y = x[first : first + n].copy()
+                for k in range(order):
+                    a, shift = coefficients[c, k], first - k - 1
+                    for t in range(n):
+                        y[t] -= a * x[shift + t]
+                for r in range(c, n_channels):
+                    g = mix[r, c] * weights[m, c]
+                    if g != 0.0:
+                        target = column[row + r * n : row + (r + 1) * n]
+                        for t in range(n):
+                            target[t] += g * y[t]
+            row += n_channels * n
 
 
-def fit_whitener(residuals: Sequence[Vector], segments: Sequence[Segments], order: int) -> Whitener:
+def fit_whitener(
+    residuals: Sequence[Vector], segments: Sequence[Segments], order: int, blocks: Sequence[slice] | None = None
+) -> Whitener:
     """Fit a whitener to residuals by least squares over all segments.
 
     Means are taken out first: a constant that is still unexplained is not noise.
@@ -98,6 +150,8 @@ def fit_whitener(residuals: Sequence[Vector], segments: Sequence[Segments], orde
     segments : sequence of Segments
     order : int
         Of the autoregression.
+    blocks : sequence of slice, optional
+        Groups of channels whose noises have nothing in common; all one group if not given.
     """
     n_channels = residuals[0].shape[0]
     longest = max((stop - start for run in segments for start, stop in run), default=0)
@@ -129,10 +183,11 @@ def fit_whitener(residuals: Sequence[Vector], segments: Sequence[Segments], orde
     if not runs:
         return Whitener(coefficients, np.eye(n_channels), np.ones(len(residuals)))
     pooled = np.concatenate(runs, axis=1)
-    covariance = pooled @ pooled.T / pooled.shape[1]
-    floor = 1e-12 * np.trace(covariance) / n_channels + 1e-300
-    root = np.linalg.cholesky(covariance + floor * np.eye(n_channels))
-    mix = np.linalg.inv(root)
+    mix = np.zeros((n_channels, n_channels))
+    for block in blocks or [slice(0, n_channels)]:
+        covariance = pooled[block] @ pooled[block].T / pooled.shape[1]
+        floor = 1e-12 * np.trace(covariance) / n_channels + 1e-300
+        mix[block, block] = np.linalg.inv(np.linalg.cholesky(covariance + floor * np.eye(len(covariance))))
     scale = np.ones(len(residuals))
     if len(runs) == len(residuals):
         scale = np.array([np.sqrt(np.mean((mix @ run) ** 2)) for run in runs])
