@@ -2,7 +2,7 @@
 
 The truth is a JSON object, schema ``cdm_pin.truth/1``::
 
-    {"schema": "cdm_pin.truth/1", "plant": "absolute", "seed": 7, "n_links": 3,
+    {"schema": "cdm_pin.truth/1", "plant": "absolute", "seed": 7, "n_links": 3, "pulley_ratio": 1.0,
      "effects": [{"effect": "coulomb_friction", "location": {"kind": "joint", "index": 2},
                   "parameters": {"coulomb": 0.31}, "form": "", "in_catalogue": true,
                   "visibility": 120.0, "torque_visibility": 120.0, "kinematic_visibility": 0.0,
@@ -11,9 +11,10 @@ The truth is a JSON object, schema ``cdm_pin.truth/1``::
      "gravity": [0.0, -9.81], "scale": 10.0, "noise": {"std": [0.02], "correlation": 0.0, "drift": 0.0},
      "sensors": {"positions": "joint", "bits": 17, "jitter": 0.05}, "motion": "loop"}
 
-Only ``n_links``, ``effects`` (``effect``, ``location``, ``in_catalogue``, ``parameters``) and ``sensors.positions`` are
-read here. Effects and locations are named as in a diagnosis; an effect with ``in_catalogue: false`` has no name that a
-diagnosis could give, and may have two joints in its location (``index`` and ``other``).
+Only ``n_links``, ``pulley_ratio`` (r_m/r_j; 1 if missing), ``effects`` (``effect``, ``location``, ``in_catalogue``,
+``parameters``) and ``sensors.positions`` are read here. Effects and locations are named as in a diagnosis; an effect
+with ``in_catalogue: false`` has no name that a diagnosis could give, and may have two joints in its location (``index``
+and ``other``).
 
 A finding meets an effect *exactly* (name and place), as a *class* (the effect stands in its ``indistinguishable_from``,
 which may list three others at most, or the two are one by the identities of the paper's arm: see `same`), or not at
@@ -125,18 +126,20 @@ def score(
         without it the diagnosis is believed.
     """
     n, positions = truth["n_links"], truth.get("sensors", {}).get("positions", "joint")
-    named = [effect for effect in truth["effects"] if effect.get("in_catalogue", True)]
+    pulleys = float(truth.get("pulley_ratio", 1.0))
+    named = [_coupled(effect, n, pulleys) for effect in truth["effects"] if effect.get("in_catalogue", True)]
+    places = [k for k, effect in enumerate(truth["effects"]) if effect.get("in_catalogue", True)]
     strange = [effect for effect in truth["effects"] if not effect.get("in_catalogue", True)]
     rigid = [in_rigid_body(effect, n, positions) for effect in named]
-    findings = diagnosis["findings"]
+    findings = [_coupled(finding, n, pulleys) for finding in diagnosis["findings"]]
 
     meetings: list[Meeting] = []
     used: set[int] = set()
     parameters: list[ParameterScore] = []
-    for effect, hidden in zip(named, rigid, strict=True):
+    for place, effect, hidden in zip(places, named, rigid, strict=True):
 
-        def alike(finding: Mapping[str, Any], effect=effect) -> bool:
-            return likeness is None or likeness(truth["effects"].index(effect), finding) >= _ALIKE
+        def alike(finding: Mapping[str, Any], place=place) -> bool:
+            return likeness is None or likeness(place, finding) >= _ALIKE
 
         meeting, index = _meet(effect, findings, n, positions, alike)
         if meeting == "missed" and not hidden:
@@ -149,7 +152,11 @@ def score(
         if hidden and meeting == "missed" and _listed_in_rigid_body(effect, diagnosis, n, positions):
             meeting = "rigid_body"
         meetings.append(meeting)
-    false = [k for k, finding in enumerate(findings) if k not in used and not _joins(finding, named, n, positions)]
+    coupled = [e for e in [*named, *(findings[k] for k in used)] if e["effect"] == "transmission_coupling"]
+    motors = {e["location"].get("index") for e in coupled}
+    false = [
+        k for k, finding in enumerate(findings) if k not in used and not _joins(finding, named, n, positions, motors)
+    ]
 
     expected = "unexplained" if strange else "missing_physics" if not all(rigid) else "consistent"
     return Score(
@@ -203,8 +210,9 @@ def sliding_weights(location: Mapping[str, Any], n: int) -> np.ndarray | None:
 def same(one: Mapping[str, Any], other: Mapping[str, Any], n: int, positions: str) -> bool:
     """Tell whether two (effect, location) pairs are one and the same by the identities of the paper's arm.
 
-    Sliding parts that move alike (joint 1 and motor 1; cable i on guides of link i-1 and joint i); dry friction and
-    capstan friction of a cable at one pretension; base tilt and the encoder offset of joint 1 (unless motor encoders
+    Sliding parts that move alike (joint 1 and motor 1; cable i on guides of link i-1 and joint i); a motor coupled to a
+    joint and friction of that combination of motors; dry friction and capstan friction of a cable at one pretension;
+    base tilt and the encoder offset of joint 1 (unless motor encoders
     tell); a gain on one of two motors and the inverse gain on the other.
     """
     names = [one["effect"], other["effect"]]
@@ -216,13 +224,36 @@ def same(one: Mapping[str, Any], other: Mapping[str, Any], n: int, positions: st
         return True
     names = ["coulomb_friction" if name in _AS_COULOMB else name for name in names]
     if names[0] != names[1]:
-        return False
+        both = [item.get("slides") for item in (one, other)]
+        both = [sliding_weights(place, n) if w is None else w for w, place in zip(both, places, strict=True)]
+        coupled = "transmission_coupling" in names and set(names) & {"coulomb_friction", "viscous_friction"}
+        return bool(coupled) and _alike(*both)
     if names[0] in _SLIDING:
-        first, second = (sliding_weights(place, n) for place in places)
-        return first is not None and second is not None and bool(np.allclose(first, second, atol=0.1))
+        return _alike(*(sliding_weights(place, n) for place in places))
     if names[0] == "transmission_ratio_error":
         places = [_map_entry(place) for place in places]
     return _normal(places[0]) == _normal(places[1])
+
+
+def _alike(first: np.ndarray | None, second: np.ndarray | None) -> bool:
+    return first is not None and second is not None and bool(np.allclose(first, second, atol=0.1))
+
+
+def _coupled(item: Mapping[str, Any], n: int, pulleys: float) -> dict[str, Any]:
+    """Add to a coupling of friction alone the combination of motors that slides: ``v_i + ratio v_k``."""
+    parameters, place = item.get("parameters", {}), item["location"]
+    ratio, inertia = (parameters.get(name) for name in ("ratio", "inertia"))
+    ratio, inertia = (x.get("value") if isinstance(x, Mapping) else x for x in (ratio, inertia))
+    if item["effect"] != "transmission_coupling" or ratio is None or "joint" not in place:
+        return dict(item)
+    if "visibility" in item and inertia:  # the truth has a rotor as well
+        return dict(item)
+    w, k = np.zeros(n), place["joint"] - 1
+    w[place["index"] - 1] = 1.0
+    w[k] += ratio * pulleys
+    if k:
+        w[k - 1] -= ratio * pulleys
+    return dict(item) | {"slides": sliding_weights({"kind": "combination", "weights": w}, n)}
 
 
 def _map_entry(place: Mapping[str, Any]) -> dict[str, Any]:
@@ -269,8 +300,16 @@ def _split_asymmetry(effect, findings: Sequence[Mapping[str, Any]], n: int, posi
     return set()
 
 
-def _joins(finding: Mapping[str, Any], named: Sequence[Mapping[str, Any]], n: int, positions: str) -> bool:
-    """Tell whether a finding names a true effect again (an identity apart), or the elasticity of a slack cable."""
+def _joins(
+    finding: Mapping[str, Any], named: Sequence[Mapping[str, Any]], n: int, positions: str, coupled: set[int]
+) -> bool:
+    """Tell whether a finding names a true effect again, or a part of it.
+
+    That is: an identity apart, the elasticity of a slack cable, the friction of one of the `coupled` motors.
+    """
+    dry = finding["effect"] in ("coulomb_friction", "viscous_friction") and finding["location"]["kind"] == "motor"
+    if dry and finding["location"]["index"] in coupled:
+        return True
     elastic = (
         {"effect": "cable_slack", "location": finding["location"]} if finding["effect"] == "cable_elasticity" else {}
     )

@@ -51,9 +51,10 @@ def ladder_rung(index: int) -> tuple[str, float]:
     Four fifths are below 30, where the power curve climbs, the rest evenly in the logarithm from there to 80.
     """
     around, j = divmod(index, len(LADDER))
-    u = ((around + 1) * _GOLDEN + 7 * j / len(LADDER)) % 1.0
+    effect = (j * 11 + around) % len(LADDER)
+    u = ((around + 1) * _GOLDEN + 7 * effect / len(LADDER)) % 1.0
     visibility = _STEEP * u / _SHARE if u < _SHARE else _STEEP * (_TOP / _STEEP) ** ((u - _SHARE) / (1.0 - _SHARE))
-    return LADDER[(j * 11 + around) % len(LADDER)], round(max(visibility, 0.5), 2)
+    return LADDER[effect], round(max(visibility, 0.5), 2)
 
 
 def _ladder(index: int) -> str:

@@ -81,6 +81,26 @@ def test_a_class_counts_with_three_others_at_most():
     assert score(truth(COULOMB_2), diagnosis(named, rivals=[*rivals, COULOMB_2])).meetings == ("missed",)
 
 
+def test_a_coupled_motor_is_friction_of_a_combination():
+    """A motor that turns with a joint, by friction alone, is friction of v_i + ratio v_k, whatever it is called."""
+    coupling = ("transmission_coupling", place("motor", 3, joint=2))
+    rubbing = ("coulomb_friction", place("combination", weights=[-0.25, 0.25, 1.0]))
+    true, told = truth(rubbing), diagnosis(coupling, ("coulomb_friction", place("motor", 3)))
+    true["pulley_ratio"] = 0.5
+    told["findings"][0]["parameters"] = {"ratio": {"value": 0.5, "std": 0.01}}
+    assert score(true, told).all_right
+    told["findings"][0]["parameters"]["ratio"]["value"] = -0.5
+    assert score(true, told).meetings == ("missed",)
+    reverse = truth(coupling)
+    reverse["pulley_ratio"] = 0.5
+    reverse["effects"][0] |= {"parameters": {"ratio": 0.5, "coulomb": 0.3, "inertia": 0.0}, "visibility": 90.0}
+    assert score(reverse, diagnosis(rubbing)).all_right
+    assert score(reverse, diagnosis(coupling, ("coulomb_friction", place("motor", 3)))).all_right
+    assert not score(reverse, diagnosis(coupling, ("coulomb_friction", place("motor", 2)))).all_right
+    reverse["effects"][0]["parameters"]["inertia"] = 0.01
+    assert not score(reverse, diagnosis(rubbing)).all_right
+
+
 def test_a_class_has_to_be_one():
     """Where an oracle is asked, a claimed class counts only if the finding could look like the effect."""
     named, rivals = ("hysteresis", place("joint", 2)), [COULOMB_2]

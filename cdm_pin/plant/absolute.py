@@ -108,6 +108,7 @@ def motor_torques(arm, laws, cables, phi, w, a, dt):
     f_joint, f_motor, reaction = np.zeros(n), np.zeros(n), np.zeros(n)
     rate0, v0, C0, mean, v_mean, C_rate = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
     z = np.zeros((laws.kind.size, N_STATES))
+    sweeps = 3 if laws.kind.size else 1
     for k in range(N):
         mass_and_bias(phi[k], w[k], arm.length, D, sx, sy, arm.gravity, M, h)
         for i in range(n):
@@ -129,7 +130,7 @@ def motor_torques(arm, laws, cables, phi, w, a, dt):
             for j in range(n):
                 tau[j] += cables.rotor_coupling[i, j] * inertial[i]
         hinge_reactions(arm, phi[k], w[k], a[k], C, reaction)
-        for sweep in range(3):  # laws depend on the cable torque that they change: repeated to 1e-6 of it
+        for sweep in range(sweeps):  # laws depend on the cable torque that they change: repeated to 1e-6 of it
             for i in range(n):
                 total[i] = tau[i] + f_joint[i]
             cable_torques(P, total, C)

@@ -251,8 +251,8 @@ def _table(plant: str, out_of_catalogue: bool) -> dict[str, Entry]:
 def _positions(rng: np.random.Generator, names: Sequence[str], positions: Positions | None) -> Positions:
     """Draw which positions are logged, of those that can show every effect."""
     choices: list[Positions] = ["both", "joint", "motor"]
-    able = [c for c in choices if all(c in EVERYTHING[name].sensors for name in names)]
-    return positions or able[int(rng.integers(len(able)))]
+    able: list[Positions] = [c for c in choices if all(c in EVERYTHING[name].sensors for name in names)]
+    return positions if positions else able[int(rng.integers(len(able)))]
 
 
 def _noise(rng: np.random.Generator, unit: np.ndarray, kind: str | None) -> Noise:
@@ -333,6 +333,7 @@ def _truth(seed, plant, true, faults, seen, sensors, noise, servo, scale) -> dic
         "plant": plant,
         "seed": seed,
         "n_links": len(links),
+        "pulley_ratio": float(true.ratio),
         "effects": effects,
         "links": links,
         "rotor_inertia": true.rotor.tolist(),

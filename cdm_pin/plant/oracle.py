@@ -76,6 +76,7 @@ class Oracle:
             theta = relative(scene.motion.phi) + encoder_offsets(scene.faults, theta.shape[1])
         self._logged = theta  # joint angles (N, n) as read off the log by the nominal map, rounding left out
         self._rigid = self._rigid_basis()
+        self._without: tuple[np.ndarray, np.ndarray] | None = None
 
     def visibility(self, index: int) -> dict[str, float]:
         """Give torque, kinematic and total visibility of a fault, and the share of its torque that no mass absorbs."""
@@ -83,7 +84,7 @@ class Oracle:
         others = tuple(f for k, f in enumerate(faults) if k != index)
         happened = faults[index].effect in _KINEMATIC
         everything = self._actual() if happened else self._predicted(faults)
-        torque, gap = self._difference(everything, self._predicted(others))
+        torque, gap = self._difference(everything, self._predicted(others) if others else self._alone())
         seen = torque - self._rigid @ (self._rigid.T @ torque)
         lengths = [float(np.linalg.norm(part)) for part in (torque, seen, gap)]
         return {
@@ -99,7 +100,8 @@ class Oracle:
         Shape (m n,), or (2 m n,) where both positions are logged.
         """
         beside = tuple(self.scene.faults if others is None else others)
-        torque, gap = self._difference(self._predicted((*beside, fault)), self._predicted(beside))
+        without = self._predicted(beside) if beside else self._alone()
+        torque, gap = self._difference(self._predicted((*beside, fault)), without)
         return np.concatenate([torque - self._rigid @ (self._rigid.T @ torque), gap])
 
     def bounds(self) -> list[dict[str, float]]:
@@ -160,6 +162,12 @@ class Oracle:
         U, size, _ = np.linalg.svd(np.column_stack(shapes), full_matrices=False)
         U = U[:, size > _SMALLEST * max(size[0], 1e-300)]
         return float(np.linalg.norm(U.T @ own) / max(float(np.linalg.norm(own)), 1e-300))
+
+    def _alone(self) -> tuple[np.ndarray, np.ndarray]:
+        """Predict the log of the arm with no fault, once."""
+        if self._without is None:
+            self._without = self._predicted(())
+        return self._without
 
     def _predicted(self, faults: Sequence[Fault]) -> tuple[np.ndarray, np.ndarray]:
         """Give motor torques, and motor angles beyond the nominal map, each (m, n), that `faults` make of the log."""
