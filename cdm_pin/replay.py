@@ -10,7 +10,7 @@ encoder offsets enter as their first-order torque along the record; `Replay.alon
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numba
@@ -299,16 +299,13 @@ class _Parts:
     def _level(self, candidate: Candidate, beta: Vector) -> Vector | None:
         """Level of a friction along the record: its torque with a sharp sign, less that sign."""
         sharp = Candidate(candidate.effect, candidate.place, (EXACT, *candidate.shape[1:]))
-        columns = sharp.columns(self.motion)
+        v, v_m = (np.where(x == 0.0, 1e3 * EXACT, x) for x in (self.motion.v, self.motion.v_m))  # at rest: either sign
+        moving = replace(self.motion, v=v, v_m=v_m)
+        columns = sharp.columns(moving)
         if columns.along is None:
             return None
         series, _ = columns.along
-        speed = candidate.place.along(self.motion.v, self.motion.v_m)
-        moving = np.abs(speed) > 1e3 * EXACT
-        if not moving.any():
-            return np.zeros(self.motion.n)
-        level = (beta[: len(series)] @ series[: len(beta)]) * np.sign(speed)
-        return np.interp(self.motion.time, self.motion.time[moving], level[moving])
+        return (beta[: len(series)] @ series[: len(beta)]) * np.sign(candidate.place.along(v, v_m))
 
     def _rub(self, w: Vector, forwards: Any, backwards: Any, stribeck: tuple[float, float] = (0.0, 0.0)) -> None:
         limits = [np.maximum(np.broadcast_to(x, self.motion.n), 0.0) for x in (forwards, backwards)]
