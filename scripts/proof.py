@@ -203,6 +203,8 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if not (args.hours or args.trials or args.report or args.show):
         parser.error("give --hours or --trials (or --report)")
+    if args.pysindy and subprocess.run([args.pysindy, "-c", "import pysindy"], capture_output=True).returncode:
+        parser.error(f"--pysindy {args.pysindy}: this Python does not have pysindy")
     folder = args.output or ROOT / "docs" / "proof"
     if args.show:
         name, _, index = args.show.partition("/")

@@ -6,7 +6,7 @@ differentiate and decimate. They are scored as the diagnosis is.
 - `every_friction`: least squares with every friction term in; whatever has ``|t| > 3`` is named.
 - `stepwise`: forward and backward selection by BIC over a wider list of terms.
 - `sparse`: SINDy (sequentially thresholded least squares, pysindy) on what the rigid body leaves over, in a Python of
-  its own; the library is that of each joint's state, the threshold chosen by BIC.
+  its own; the library is that of each joint's state, the threshold is chosen over folds.
 """
 
 from __future__ import annotations
