@@ -11,6 +11,8 @@ from .effects import Candidate
 from .geometry import Vector
 from .selection import Fit, Search
 
+SUSPECTS = 6  # that are named at once
+
 
 class Reporter:
     """Passes the steps of a search on as ``progress(step, fraction, **news)``.
@@ -36,10 +38,14 @@ class Reporter:
 
     def looked(self, fit: Fit, suspects: Sequence[Candidate] = ()) -> None:
         """Say what stands in the model now, and what comes into question next."""
-        if self.progress is None or not getattr(self.progress, "wants_news", False):
+        if self.progress is None:
+            return
+        self._fraction = min(self._fraction + 0.05, 0.95)
+        if not getattr(self.progress, "wants_news", False):
+            self.progress(self._step, self._fraction)
             return
         accepted = [entry(candidate) for candidate in fit.effects]
-        asked = [e for e in map(entry, suspects) if e not in accepted]
+        asked = [e for e in map(entry, suspects[:SUSPECTS]) if e not in accepted]
         news: dict[str, Any] = {"suspects": asked, "accepted": accepted}
         if self.search.problem.torque:
             news["residual"] = left_over(self.search, fit)

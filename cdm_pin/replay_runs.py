@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
+from .consistency import consistent_standard
+from .dynamics import mass_matrix
+from .errors import CdmError
 from .geometry import Manipulator
+from .model import CableModel, build_model
 from .problem import _torque
 from .replay import MOST, Replay
 from .replay import replay as run_again
 from .selection import Fit, Search, updated_model
 
+LEAST = 0.1  # inertia along any coordinate, as a share of the file's, below which a fit counts as no body's
 ONCE = ("external_torque",)
 """What happens at a time of one recording, and says nothing about another."""
 
@@ -41,9 +48,8 @@ def replay_runs(
     if judge is not None:
         kept = tuple(effect for effect in completed.effects if effect["effect"] not in ONCE)
         completed = replace(completed, effects=kept)
-    start = search.problem.model
-    plain = updated_model(start, search.base, rigid.base)
-    whole = replace(updated_model(start, search.base, fit.base), manipulator=completed)
+    plain = _moving(search, rigid, completed)
+    whole = replace(_moving(search, fit, completed), manipulator=completed)
     most = max(3, MOST // len(judged.problem.runs))
     found = [
         run_again(
@@ -59,3 +65,22 @@ def replay_runs(
         for run in judged.problem.runs
     ]
     return tuple(each for each in found if each is not None)
+
+
+def _moving(search: Search, fit: Fit, completed: Manipulator) -> CableModel:
+    """Give the fitted model, or where data left it an inertia that no body has, the nearest one that can move."""
+    start, base = search.problem.model, search.base
+    model = updated_model(start, base, fit.base)
+    prior = build_model(completed)
+    poses = np.concatenate([motion.q[:: max(1, motion.n // 50)] for motion in search.problem.motions])
+    least = [np.linalg.eigvalsh(mass_matrix(each, poses, coordinates="motor")).min() for each in (model, prior)]
+    if least[0] > LEAST * least[1]:
+        return model
+    values = base.values(start.standard_parameters) + fit.base
+    p = len(values)
+    information = np.asarray(np.linalg.pinv(fit.covariance[:p, :p], rcond=1e-12, hermitian=True), np.float64)
+    try:
+        near = consistent_standard(base.matrix, values, information, prior.standard_parameters)
+    except (CdmError, np.linalg.LinAlgError):
+        return model
+    return model.with_standard_parameters(near.parameters)

@@ -326,6 +326,49 @@ def test_watch_serves_while_computing(model, capsys):
         assert "watch at http://127.0.0.1:" in capsys.readouterr().err and watching.viewer.alive
 
 
+class Audience:
+    """Stands in for a viewer and keeps what it is told."""
+
+    url, alive = "http://127.0.0.1:0/", True
+
+    def __init__(self):
+        self.told = []
+
+    def __call__(self, show, **where):
+        return self
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exc):
+        pass
+
+    def tell(self, **news):
+        self.told.append(news)
+
+    def ask(self, news):
+        self.told.append(news())
+
+
+def test_diagnose_shows_suspects_then_what_it_accepts(files, monkeypatch, capsys):
+    """`diagnose --view`: suspects light up, what is accepted stays, the error falls; ghosts stand beside the report."""
+    audience = Audience()
+    monkeypatch.setattr("cdm_pin.viewer.Viewer", audience)
+    out = files / "out"
+    assert main(["diagnose", str(files / "arm.yaml"), str(files / "run.csv"), "-o", str(out), "--view"]) == 0
+    assert "watch at http://127.0.0.1" in capsys.readouterr().err
+    joint2 = {"kind": "joint", "index": 2}
+    suspected = [news for news in audience.told if joint2 in news.get("suspects_at", [])]
+    assert suspected and joint2 not in suspected[0]["accepted_at"]
+    assert audience.told[-1]["accepted_at"] == [joint2]
+    assert audience.told[-1]["residual"][1] < 0.3 * suspected[0]["residual"][1]
+    content = json.loads((out / "diagnosis.json").read_text())
+    simulated = content["fit"]["simulated_position"]
+    assert simulated["rmse_augmented"][1] < 0.2 * simulated["rmse_rigid"][1]
+    assert 'href="ghosts.html"' in (out / "report.html").read_text()
+    assert (out / "ghosts.html").stat().st_size < 5e6
+
+
 def test_ghosts_of_other_shapes_are_refused(model, tmp_path):
     """Motions that do not fit the robot are an error that names which."""
     q = np.zeros((10, 2))
