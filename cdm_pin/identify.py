@@ -292,14 +292,19 @@ def _hints(plan: Plan, moments: Moments, columns: Sequence[int], least: float = 
 
 
 def _check_holdout(result: Identification) -> None:
+    """Refuse a hold-out on most of whose motors any prediction is worse than none, if the training was fitted well."""
     train = result.errors(result.train)
-    if not train or not result.reliable.all() or result.base.rank < result.structural.rank:
+    if not train or np.max(train["relative"], where=train["torque"] > 0, initial=0.0) > 0.5:
         return
     for visit in result.holdout.visits if result.holdout else ():
-        held = result.errors(visit)
-        if held and np.min(held["relative"]) > 1 and np.max(train["relative"]) < 0.5:
+        held = [result.errors(visit, physical=physical) for physical in (False, True)]
+        if held[0] and min(float(np.median(errors["relative"])) for errors in held) > 1:
             raise RecordingError(
-                f"its torques are not this robot's: predicted with errors of {100 * np.min(held['relative']):.0f} % "
-                "and more on every motor; is it a recording of another robot, or in other units?",
+                f"its torques are not this robot's: predicted with errors of {_percent(held[0]['relative'])} on its "
+                "motors; is it a recording of another robot, or in other units?",
                 source=visit.source,
             )
+
+
+def _percent(shares: Vector) -> str:
+    return ", ".join(f"{100 * share:.0f}" for share in shares) + " %"

@@ -193,7 +193,8 @@ def _torque_sign_checks(signals: Signals, model: Robot | None, threshold: float 
     """Fit each torque by all accelerations, its own friction, and sines and cosines of all positions.
 
     The diagonal of a mass matrix is positive and friction dissipates: a sign is wrong where their t-values together are
-    below minus `threshold` and neither speaks for it.
+    below minus `threshold` and neither speaks for it. Where the robot's masses are known the torques that they ask for
+    must be opposite too, as the fit knows neither centrifugal torques nor how inertia changes with posture.
     """
     found = []
     for side in ("joint", "motor"):
@@ -210,10 +211,27 @@ def _torque_sign_checks(signals: Signals, model: Robot | None, threshold: float 
             direction = np.tanh(v[:, j] / (0.1 * v[:, j].std()))
             others = np.column_stack([v[:, j], np.delete(a, j, axis=1), np.ones(len(q)), np.sin(q), np.cos(q)])
             t = _t_values(np.column_stack([direction, a[:, j], others]), tau[:, j], independent)[:2]
-            if t.sum() < -threshold and t.max() < 3:
+            if t.sum() < -threshold and t.max() < 3 and _opposite(signals, side, model, int(j)):
                 message = f"accelerates and rubs backwards (inertia and friction negative, t = {t[1]:.0f}, {t[0]:.0f})"
                 found.append(Check("torque_sign", f"{side}_torque_{j + 1}", message + ": is its sign wrong?"))
     return found
+
+
+def _opposite(signals: Signals, side: str, model: Robot | None, j: int) -> bool:
+    """Whether a torque and that of the model are of opposite signs, means aside; true where there is no such model."""
+    from .dynamics import inverse_dynamics
+    from .model import CableModel
+
+    motion = _motion_of(signals, "joint", model)
+    if not isinstance(model, CableModel) or motion is None:
+        return True
+    offset = 0.0 if "joint_position" in signals.channels else model.offset
+    q, v, a = (x[signals.valid] for x in motion)
+    tau = inverse_dynamics(model, q + offset, v, a)
+    if side == "motor":
+        tau = model.motor_torque(tau) + model.rotor_inertia * (a @ model.motor_from_joint.T)
+    measured = signals.channels[f"{side}_torque"][signals.valid, j]
+    return float((tau[:, j] - tau[:, j].mean()) @ (measured - measured.mean())) < 0
 
 
 def _t_values(design: np.ndarray, y: np.ndarray, independent: float) -> np.ndarray:

@@ -19,6 +19,7 @@ from scipy.interpolate import CubicSpline
 from .recording import Recording
 from .signals_filters import differentiate, lowpass, resample_uniform
 
+LEAST = 2e-3  # of a step: what rows are off their stamps in the highest band, else there is nothing to put right
 STUCK = 5  # rows: a longer run of equal rows is a stretch without data, a shorter one a logger that read too early
 
 
@@ -98,6 +99,9 @@ def repeated_rows(recording: Recording) -> np.ndarray:
 def sampling_instants(time: np.ndarray, positions: np.ndarray, agreement: float = 0.5) -> tuple[np.ndarray, str] | None:
     """Estimate when rows were sampled from how all joints are displaced together, band by band from the highest down.
 
+    Loggers are irregular from row to row: most of it is in the highest band, and no band holds much more than the one
+    above it. Joints that merely move alike are displaced together too, but the slower the more.
+
     Parameters
     ----------
     time : ndarray, shape (n,)
@@ -120,13 +124,15 @@ def sampling_instants(time: np.ndarray, positions: np.ndarray, agreement: float 
         if sampling_instants(time[middle], positions[middle], agreement) is None:
             return None
     step = float(np.median(np.diff(time)))
-    instants, first = np.array(time), None
+    instants, first, largest = np.array(time), None, np.inf
     low, high = 0.2 / step, np.inf
     while low * (time[-1] - time[0]) > 20:
         shift, agreed, weight = _common_shift(instants, positions, step, low, high)
-        if agreed < agreement:
+        size = float(np.std(shift))
+        irregular = size > LEAST * step if first is None else size < 2 * largest  # a delay that grows is the motion
+        if agreed < agreement or not irregular:
             break
-        first = agreed if first is None else first
+        first, largest = agreed if first is None else first, size
         instants = instants + shift
         for _ in range(3):  # what the flanks of the filters left over; with the weights that were agreed on
             instants = instants + _common_shift(instants, positions, step, low, high, weight)[0]
@@ -168,10 +174,11 @@ def _common_shift(
     if weight is not None:
         shift = _weighted(velocity, displacement, weight, step)
         return np.interp(rows, time, _bounded(shift, trusted, step)), np.inf, weight
-    rest, least = displacement, 1e-9 * np.ptp(x, axis=0) + 1e-300
+    rest, span = displacement, np.ptp(x, axis=0)
     found = np.ones(x.shape[1])
     for _ in range(4):
-        found = 1 / (1.48 * np.median(np.abs(rest[trusted]), axis=0) + least) ** 2
+        scatter = 1.48 * np.median(np.abs(rest[trusted]), axis=0) + 1e-9 * span
+        found = np.where(span > 0, 1 / np.where(span > 0, scatter, 1.0) ** 2, 0.0)  # a locked joint tells nothing
         rest = displacement - velocity * _weighted(velocity, displacement, found, step)[:, None]
     power = np.mean(displacement[trusted] ** 2, axis=0)
     speed = np.mean(velocity[trusted] ** 2, axis=0)

@@ -79,9 +79,23 @@ class Workers:
         self.close()
 
 
+class _Processes(ProcessPoolExecutor):
+    """Processes that never see an interrupt, not even while they start: who started them is interrupted."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future:
+        """Start processes (a part of submitting) with the signal blocked, which they inherit."""
+        if not hasattr(signal, "pthread_sigmask"):
+            return super().submit(fn, *args, **kwargs)
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+        try:
+            return super().submit(fn, *args, **kwargs)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def processes(count: int) -> Workers:
     """Give `count` fresh processes, one thread of linear algebra each."""
-    return Workers(lambda: ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin_process))
+    return Workers(lambda: _Processes(count, mp_context=get_context("spawn"), initializer=_begin_process))
 
 
 def cluster(address: str) -> Workers:
