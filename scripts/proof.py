@@ -15,6 +15,7 @@ The sparse-regression baseline needs pysindy in a Python of its own (``--pysindy
 from __future__ import annotations
 
 import argparse
+import contextlib
 import csv
 import itertools
 import multiprocessing as mp
@@ -65,11 +66,14 @@ def _work(connection: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     import proof_trial
 
-    while (task := connection.recv()) is not None:
-        try:
-            connection.send(proof_trial.run(task))
-        except Exception as exc:  # of the plant or the scorer: the trial stays in the study as a failure, and is seen
-            connection.send(proof_trial.blank(task, f"harness {type(exc).__name__}: {exc}"[:120]))
+    with contextlib.suppress(EOFError, BrokenPipeError):  # whoever gives tasks has ended
+        while True:
+            task = connection.recv()
+            try:
+                row = proof_trial.run(task)
+            except Exception as exc:  # of the plant or the scorer: a failure that stays in the study, and is seen
+                row = proof_trial.blank(task, f"harness {type(exc).__name__}: {exc}"[:120])
+            connection.send(row)
 
 
 @dataclass
@@ -213,6 +217,8 @@ def main(argv: list[str] | None = None) -> int:
         print(trial(_seeds(args, folder), name, int(index)).command)
         return 0
     if not args.report:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.default_int_handler)
         try:
             study(args, folder)
         except KeyboardInterrupt:

@@ -188,7 +188,7 @@ def test_bars_are_judged(proof):
     assert table["one effect at a quarter: name and place first"].value == "0.0 %"  # it took too long
     assert table["visibility 0-80: a wrong name anywhere"].met == "not met"
     assert table["diagnoses that failed or took too long"].value.startswith("0.2")
-    assert table["true value inside the stated 95 % interval"].value == "100.0 %"
+    assert table["true value inside the stated 95 % interval, where everything is right"].value == "100.0 %"
     assert table["stated standard error over the Cramer-Rao bound (median)"].value == "1.25"
 
 
