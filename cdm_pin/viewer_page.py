@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 LIVE = """
-let latest = null, socket = null;
+let latest = null, socket = null, taken = 0;
 function send(message) { if (socket && socket.readyState === 1) socket.send(JSON.stringify(message)); }
 function draw() {
   requestAnimationFrame(draw);
@@ -25,12 +25,13 @@ function draw() {
   const data = latest; latest = null;
   showTime(new Float32Array(data, 4, 1)[0]);
   showFrame(new Float32Array(data, 8));
-  send({ack: 1});
+  send({ack: taken});
+  taken = 0;
 }
 function connect() {
   socket = new WebSocket((location.protocol === "https:" ? "wss://" : "ws://") + location.host + "/stream");
   socket.binaryType = "arraybuffer";
-  socket.onopen = () => { byId("lost").textContent = ""; };
+  socket.onopen = () => { byId("lost").textContent = ""; taken = 0; };
   socket.onclose = () => { byId("lost").textContent = "no connection"; setTimeout(connect, 1000); };
   socket.onmessage = event => {
     if (typeof event.data === "string") {
@@ -38,7 +39,7 @@ function connect() {
       if (m.layout) { setDuration(m.duration); setLayout(m.layout); setCamera(m.camera); }
       if (m.state) { setPlaying(m.state.playing); byId("speed").value = m.state.speed; }
       if (m.news) showNews(m.news);
-    } else if (new Uint8Array(event.data)[0] === 1) latest = event.data;
+    } else if (new Uint8Array(event.data)[0] === 1) { latest = event.data; taken++; }
     else viewer.handle_command_bytearray(new Uint8Array(event.data, 4));
   };
 }

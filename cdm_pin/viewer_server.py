@@ -29,6 +29,7 @@ from .stream import read_message
 from .viewer_page import library_path, live_page
 
 RATE = 30.0  # frames per second
+CATCH_UP = 0.1  # ticks that came late are made up for as long as this [s]
 MOST = 500  # news with a time that are kept
 IN_FLIGHT = 2  # frames that a browser may have without having drawn them
 
@@ -122,7 +123,7 @@ class Stream(tornado.websocket.WebSocketHandler):
         try:
             content = json.loads(message)
             if "ack" in content:
-                self.in_flight = max(0, self.in_flight - 1)
+                self.in_flight = max(0, self.in_flight - int(content["ack"]))
             else:
                 self.player.asked(content)
         except (ValueError, TypeError, AttributeError):
@@ -198,8 +199,8 @@ async def serve(
     due = time.monotonic()
     while not ended.is_set():
         player.tick()
-        due = max(due + 1 / RATE, time.monotonic())
-        await asyncio.sleep(due - time.monotonic())
+        due = max(due + 1 / RATE, time.monotonic() - CATCH_UP)
+        await asyncio.sleep(max(due - time.monotonic(), 0.0))
     server.stop()
 
 
