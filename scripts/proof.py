@@ -4,12 +4,15 @@ Every trial conceals something in an independent simulator, hands the diagnosis 
 with wrong masses, and scores what it says. Trials are independent and each leaves one row in trials.csv; a run that is
 stopped goes on where it was, and any beginning of it is spread over all studies.
 
-    scripts/proof.py --hours 6 --jobs 2                        # seeds from the current commit
+    scripts/proof.py --hours 6 --jobs 2                           # what docs/proof.md is made by
     scripts/proof.py --trials 200 --seeds development -o /tmp/p   # while working on the diagnosis: seeds of that word
-    scripts/proof.py --only ladder two --trials 300 ...        # some studies alone
-    scripts/proof.py --report                                  # tables, figures and page again from the rows
+    scripts/proof.py --only ladder two --hours 1                  # some studies alone
+    scripts/proof.py --report                                     # tables, figures and page again from the rows
+    scripts/proof.py --show plain/7                               # the command that makes this trial again
 
-The sparse-regression baseline needs pysindy in a Python of its own (``--pysindy PYTHON``); it is left out without.
+Seeds follow from the hash of the commit that is checked out when a study begins, kept in docs/proof/seeds.txt; to begin
+a new study, remove the folder. The sparse-regression baseline needs pysindy in a Python of its own (``python3 -m venv
+DIR; DIR/bin/pip install pysindy``, then ``--pysindy DIR/bin/python``); it is left out without.
 """
 
 from __future__ import annotations
@@ -168,9 +171,8 @@ def study(args: argparse.Namespace, folder: Path) -> None:
     done = {(row["study"], int(row["index"])) for row in read_rows(path)}
     options = {"timeout": args.timeout, "pysindy": args.pysindy, "baselines": not args.no_baselines}
     everything = tasks(word, tuple(args.only), **options)
-    goal = args.trials
-    if goal:
-        everything = itertools.islice(everything, goal)
+    goal = args.trials or sum(STUDIES[name].most for name in args.only or STUDIES)
+    everything = itertools.islice(everything, goal)
     todo = (task for task in everything if (task.study, task.index) not in done)
     begun = time.monotonic()
     until = begun + 3600.0 * args.hours if args.hours else float("inf")
@@ -179,13 +181,12 @@ def study(args: argparse.Namespace, folder: Path) -> None:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
                TimeRemainingColumn())  # fmt: skip
     with Progress(*columns, console=console, disable=args.quiet or not console.is_terminal) as progress:
-        bar = progress.add_task("trials", total=goal, completed=len(done) if goal else 0)
-        count = 0
-        for row in run_tasks(todo, args.jobs, args.timeout + _GRACE, until):
+        bar = progress.add_task("trials", total=goal, completed=len(done))
+        for count, row in enumerate(run_tasks(todo, args.jobs, args.timeout + _GRACE, until), start=1):
             append_row(path, row)
-            count += 1
-            if not goal and args.hours:  # what the pace so far makes of the hours
-                progress.update(bar, total=max(count, count * 3600.0 * args.hours / (time.monotonic() - begun)))
+            if args.hours:  # what the pace so far makes of them
+                pace = count / (time.monotonic() - begun)
+                progress.update(bar, total=min(goal, len(done) + max(count, round(3600.0 * args.hours * pace))))
             progress.update(bar, advance=1, description=f"{row['study']} {row['index']}")
 
 
@@ -193,7 +194,7 @@ def main(argv: list[str] | None = None) -> int:
     """Parse arguments, run trials, write the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--hours", type=float, help="begin no trial after this time")
-    parser.add_argument("--trials", type=int, help="how many trials the whole study has")
+    parser.add_argument("--trials", type=int, help="how many trials there shall be (default: all)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")
     parser.add_argument("--seeds", metavar="WORD", help="what seeds follow from (default: the current commit's hash)")
     parser.add_argument("--only", nargs="+", choices=tuple(STUDIES), default=[], metavar="STUDY", help="these alone")
@@ -205,8 +206,6 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
     parser.add_argument("-o", "--output", type=Path, help="folder of rows, tables and figures (default: docs/proof)")
     args = parser.parse_args(argv)
-    if not (args.hours or args.trials or args.report or args.show):
-        parser.error("give --hours or --trials (or --report)")
     if args.pysindy and subprocess.run([args.pysindy, "-c", "import pysindy"], capture_output=True).returncode:
         parser.error(f"--pysindy {args.pysindy}: this Python does not have pysindy")
     folder = args.output or ROOT / "docs" / "proof"

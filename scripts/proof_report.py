@@ -27,8 +27,8 @@ _METHODS = {
     "stepwise": "stepwise BIC, unwhitened",
     "sparse": "sparse regression (SINDy)",
 }
-_JUDGED = """*Met* is said of the measured value; the interval beside it tells how sure that is. The bar on false alarms is
-met only if the upper end of the one-sided interval is below it.
+_JUDGED = """*Met* is said of the measured value; the interval beside it tells how sure that is. The bar on false
+alarms is met only if the upper end of the one-sided interval is below it.
 
 """
 _SHOWN = 12  # rows of long tables
@@ -191,8 +191,10 @@ def _concealed_text(rows: Sequence[ps.Row]) -> str:
         )
         for row in hidden[:_SHOWN]
     ]
-    header = ("concealed", "visibility", "what no mass absorbs", "a plain fit leaves", "masses are off by", "the tool says", "right",
-              "trial")  # fmt: skip
+    header = (
+        "concealed", "visibility", "what no mass absorbs", "a plain fit leaves", "masses are off by", "the tool says",
+        "right", "trial",
+    )  # fmt: skip
     stiff = [row for row in hidden if ps.only_kinematic(row)]
     between = ps.share(stiff, ps.first)
     return f"""## Concealed in the strict sense
@@ -283,7 +285,7 @@ def _method_text(rows: Sequence[ps.Row], word: str, link: str) -> str:
 - **Seal**: seeds are SHA-256 of `{word}`, the study and the trial's number. The diagnosis is handed the published files
   alone. The column `truth` of [trials.csv]({link}/trials.csv) holds the first digits of the truth's SHA-256.
 - **Again**: `scripts/proof.py --show STUDY/NUMBER` prints the command that makes a trial of this page again. All of it:
-  `scripts/proof.py --hours 6 --seeds {word}`.
+  `scripts/proof.py --seeds {word}`, which takes hours and can be stopped and taken up again.
 - **Score**: a finding is right by name and place, by an identity of the mechanism, or as a class that lists the effect
   among at most three others where their canonical correlation on that recording exceeds 0.95. Shares have exact
   (Clopper-Pearson) intervals. A crash or a timeout is a failure, and counted as one. Time is that of this machine.

@@ -1,12 +1,11 @@
 """The trials of the proof: which there are, in what order, and the arguments of `blind_trial.py` that make each again.
 
-The order is one endless list in which every study keeps its share, so that any beginning of it is a small proof.
+Their order is one list in which every study keeps its share, so that any beginning of it is a small proof.
 """
 
 from __future__ import annotations
 
 import argparse
-import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -29,7 +28,9 @@ class Study:
     Parameters
     ----------
     share : float
-        Of all trials.
+        Of all trials, as long as there are more to come.
+    most : int
+        How many trials it has.
     text : str
         What is concealed.
     words : callable
@@ -37,6 +38,7 @@ class Study:
     """
 
     share: float
+    most: int
     text: str
     words: Callable[[int], str]
 
@@ -68,25 +70,27 @@ def _several(index: int) -> str:
 
 
 STUDIES = {
-    "clean": Study(0.24, "nothing", lambda k: f"--count 0 {_bits(k)}"),
-    "plain": Study(0.15, "one effect at plain size", lambda k: f"--count 1 --at-least {PLAIN} {_bits(k)}"),
+    "clean": Study(0.36, 1200, "nothing", lambda k: f"--count 0 {_bits(k)}"),
+    "plain": Study(0.14, 500, "one effect at plain size", lambda k: f"--count 1 --at-least {PLAIN} {_bits(k)}"),
     "quarter": Study(
-        0.09,
+        0.08,
+        400,
         "one effect at a quarter of that size",
         lambda k: f"--count 1 --size quarter --at-least {PLAIN / 4} {_bits(k)}",
     ),
-    "ladder": Study(0.24, "each effect at visibilities up to 80", _ladder),
-    "two": Study(0.06, "two effects at plain size", lambda k: f"--count 2 --at-least {PLAIN} {_bits(k)}"),
-    "three": Study(0.04, "three effects at plain size", lambda k: f"--count 3 --at-least {PLAIN} {_bits(k)}"),
+    "ladder": Study(0.20, 100 * len(LADDER), "each effect at visibilities up to 80", _ladder),
+    "two": Study(0.06, 250, "two effects at plain size", lambda k: f"--count 2 --at-least {PLAIN} {_bits(k)}"),
+    "three": Study(0.04, 150, "three effects at plain size", lambda k: f"--count 3 --at-least {PLAIN} {_bits(k)}"),
     "strange": Study(
-        0.10, "a law that no catalogue has", lambda k: f"--count 1 --strange --at-least {PLAIN} {_bits(k)}"
+        0.08, 400, "a law that no catalogue has", lambda k: f"--count 1 --strange --at-least {PLAIN} {_bits(k)}"
     ),
     "mujoco": Study(
-        0.04,
+        0.02,
+        150,
         "nothing or one effect, moved by MuJoCo",
         lambda k: f"--plant mujoco --count {min(k % 3, 1)} --at-least {PLAIN} {_bits(k)}",
     ),
-    "several": Study(0.04, "nothing or one effect, in recordings under different conditions", _several),
+    "several": Study(0.02, 150, "nothing or one effect, in recordings under different conditions", _several),
 }
 
 
@@ -119,7 +123,7 @@ class Task:
 
 
 def tasks(word: str, only: tuple[str, ...] = (), more: str = "", **options: Any) -> Iterator[Task]:
-    """List the trials without end, every study in its share.
+    """List the trials, every study in its share until it has them all.
 
     Parameters
     ----------
@@ -134,8 +138,8 @@ def tasks(word: str, only: tuple[str, ...] = (), more: str = "", **options: Any)
     """
     studies = {name: STUDIES[name] for name in only or STUDIES}
     done = dict.fromkeys(studies, 0)
-    for _ in itertools.count():
-        name = min(studies, key=lambda s: ((done[s] + 0.5) / studies[s].share, s))
+    while rest := [name for name in studies if done[name] < studies[name].most]:
+        name = min(rest, key=lambda s: ((done[s] + 0.5) / studies[s].share, s))
         yield trial(word, name, done[name], more, **options)
         done[name] += 1
 

@@ -341,11 +341,11 @@ def confusion(rows: Iterable[Row]) -> list[tuple[str, str, int]]:
 
 
 def ladder_powers(rows: Iterable[Row]) -> dict[str, tuple[Power | None, list[Row]]]:
-    """Fit the power curve of each effect."""
+    """Fit the power curve of each effect, and of all together first."""
     ladder = [row for row in of(rows, "ladder") if numbers(row, "visibility") and not rigid(row)]
     out = {}
-    for name in sorted({row["effects"] for row in ladder}):
-        own = [row for row in ladder if row["effects"] == name]
+    for name in ["all effects", *sorted({row["effects"] for row in ladder})]:
+        own = [row for row in ladder if name in ("all effects", row["effects"])]
         seen = [numbers(row, "visibility")[0] for row in own]
         out[name] = (power_curve(seen, [not row["failure"] and first(row) for row in own]), own)
     return out
