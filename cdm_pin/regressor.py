@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
+from scipy.linalg.lapack import dgeqrf
 
 from .dynamics import joint_torque_regressor
 from .errors import ShapeError
@@ -94,7 +95,9 @@ class Triangle:
             raise ShapeError(f"rows have shape {rows.shape}, (n, {self.width}) was expected")
         if not len(rows):
             return self
-        stacked = rows if self.n_rows == 0 else np.vstack([self.R, rows])
+        known = 0 if self.n_rows == 0 else self.width
+        stacked = np.empty((known + len(rows), self.width), order="F")
+        stacked[:known], stacked[known:] = self.R[:known], rows
         return Triangle(frozen_array(_triangle(stacked, self.width)), self.n_rows + len(rows))
 
     def merge(self, other: Triangle) -> Triangle:
@@ -125,9 +128,11 @@ def merge(triangles: Iterable[Triangle]) -> Triangle:
 
 
 def _triangle(rows: Vector, width: int) -> Vector:
-    """R of the QR factorisation, square and with a diagonal that is not negative."""
+    """R of the QR factorisation, square and with a diagonal that is not negative; rows in Fortran order are used up."""
     R = np.zeros((width, width))
-    factor = np.linalg.qr(rows, mode="r")
+    if not len(rows) or not width:
+        return R
+    factor = np.triu(dgeqrf(rows, lwork=64 * width, overwrite_a=True)[0][:width])
     R[: len(factor)] = factor
     R[np.diag(R) < 0] *= -1.0
     return R
