@@ -13,7 +13,7 @@ import numpy as np
 from .errors import InputError
 from .fourier import FourierSeries, PeriodGrid
 from .geometry import Vector, frozen_array
-from .limits import Limits, default_limits, worst_usage
+from .limits import InfeasibleLimits, Limits, default_limits, worst_usage
 from .model import CableModel
 from .objectives import Objective, ObjectiveName, make_objective, parts_of
 from .optimisers import Progress, bee_colony, covariance_adaptation
@@ -133,7 +133,8 @@ def plan(
     motion = series(series.period * np.arange(grid.samples) / grid.samples)
     value = float(np.asarray(score(*(x[None] for x in motion)))[0])
     if not np.isfinite(value):
-        raise InputError("infeasible limits: no motion within them is informative enough for the objective to judge it")
+        message = "infeasible limits: no motion within them is informative enough for the objective to judge it"
+        raise InfeasibleLimits(message)
     return Design(series, value, found.history, found.evaluations, found.interrupted)
 
 
@@ -259,7 +260,9 @@ def at_rest(
             shortest = min(shortest, run_in.duration + run_out.duration)
     if np.isfinite(shortest):
         raise InputError(f"a duration of {duration:g} s is too short: run-in and run-out take {shortest:.3g} s")
-    raise InputError("no run-in within the limits was found; relax the limits or move the centre of the motion")
+    raise InfeasibleLimits(
+        "infeasible limits: no run-in within the limits was found; relax them or move the centre of the motion"
+    )
 
 
 def _blend(model, limits, home: Vector, series: FourierSeries, when, direction: float, longest: float) -> Blend | None:

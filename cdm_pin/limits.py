@@ -19,6 +19,11 @@ from .routing import joint_limits
 
 DEFAULT_VELOCITY = 1.0  # [rad/s or m/s]
 DEFAULT_ACCELERATION = 2.0  # [rad/s^2 or m/s^2]
+MARGIN = 0.02  # of each joint's range, kept at both ends of the mechanism's
+
+
+class InfeasibleLimits(InputError):
+    """Limits that leave no motion, or none that tells anything."""
 
 
 @dataclass(frozen=True)
@@ -101,9 +106,10 @@ def mechanism_limits(model: CableModel, *, minimum_tension: float = 0.0) -> Limi
 
 
 def default_limits(model: CableModel) -> Limits:
-    """Take the mechanism's limits, and moderate velocities and accelerations at the joints."""
+    """Take the mechanism's limits with a margin for tracking errors, and moderate velocities and accelerations."""
     own = mechanism_limits(model)
     position = np.clip(own.position, -np.pi, np.pi)
+    position = position + MARGIN * np.ptp(position, axis=1)[:, None] * [1.0, -1.0]
     velocity = np.minimum(own.velocity, DEFAULT_VELOCITY)
     return own.replace(position=position, velocity=velocity, acceleration=np.full(model.n_joints, DEFAULT_ACCELERATION))
 
@@ -202,7 +208,7 @@ def check_posture(model: CableModel, limits: Limits, q: Vector) -> None:
     tau_m = motor_torques(model, np.atleast_2d(q), zero, zero)[0]
     worst = int((np.abs(tau_m) / limits.motor_torque).argmax())
     if abs(tau_m[worst]) >= limits.motor_torque[worst]:
-        raise InputError(
+        raise InfeasibleLimits(
             f"infeasible limits: standing still at the middle of the excitation takes {abs(tau_m[worst]):.4g} N m at "
             f"motor {worst + 1}, {limits.motor_torque[worst]:.4g} N m are allowed (torque limit or cable tension)"
         )

@@ -8,10 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from .dynamics import motor_torques
-from .errors import InputError
 from .fourier import FourierSeries, PeriodGrid, close
 from .geometry import Vector
-from .limits import Limits, check_posture, scale_to_edge
+from .limits import InfeasibleLimits, Limits, check_posture, scale_to_edge
 from .model import CableModel
 from .objectives import Objective
 
@@ -85,7 +84,7 @@ class SearchSpace:
         if len(outside):
             i = outside[0]
             hint = "; a motion that starts at zero needs limits on both sides of it" if self.zero_start else ""
-            raise InputError(
+            raise InfeasibleLimits(
                 f"infeasible limits: joint {i + 1} would move about {middle[i]:.4g}, outside "
                 f"[{low[i]:.4g}, {high[i]:.4g}]{hint}"
             )

@@ -18,7 +18,15 @@ from cdm_pin.dynamics import inverse_dynamics, motor_torques
 from cdm_pin.errors import InputError, ShapeError
 from cdm_pin.excitation import Blend, Excitation, at_rest, plan
 from cdm_pin.fourier import FourierSeries, PeriodGrid, fit_series
-from cdm_pin.limits import Limits, default_limits, load_limits, parse_limits, usage, worst_usage
+from cdm_pin.limits import (
+    Limits,
+    default_limits,
+    load_limits,
+    mechanism_limits,
+    parse_limits,
+    usage,
+    worst_usage,
+)
 from cdm_pin.model import load_model
 from cdm_pin.objectives import each, make_objective, predicted_errors, reference_magnitudes
 from cdm_pin.paper import FREQUENCY, table_2
@@ -430,6 +438,24 @@ def test_command_infeasible_limits_name_the_file(tmp_path, capsys):
     assert excite("-o", tmp_path / "nowhere" / "go.csv") == 2
     assert "folder" in capsys.readouterr().err
     assert [entry.name for entry in tmp_path.iterdir()] == ["limits.yaml"]
+
+
+def test_command_says_whose_limits_carry_too_little_and_refuses_a_negative_seed(tmp_path, capsys):
+    """Torques that cannot hold the arm are said of the limits' file; a negative seed of the option."""
+    path = tmp_path / "weak.yaml"
+    path.write_text("motors: [{torque: 0.5}, {torque: 0.5}]\n")
+    assert excite("-o", tmp_path / "go.csv", "--limits", path) == 2
+    message = capsys.readouterr().err
+    assert "weak.yaml: infeasible limits: standing still" in message and message.count("\n") == 1
+    assert excite("-o", tmp_path / "go.csv", "--seed", "-1") == 2
+    assert "--seed: a whole number from 0 on" in capsys.readouterr().err
+
+
+def test_default_limits_stay_clear_of_the_mechanisms():
+    """Without limits of one's own a tracking error of a degree does not take the cable off its pulley."""
+    model = load_model(CDM2)
+    own, used = mechanism_limits(model).position, default_limits(model).position
+    assert (np.abs(own - used) > np.radians(3)).all() and (np.abs(used) < np.abs(own)).all()
 
 
 def test_command_interrupted_writes_the_best_marks_it_and_exits_130(tmp_path, limits_file, monkeypatch, capsys):

@@ -16,7 +16,15 @@ from ..dynamics import motor_torques
 from ..errors import InputError
 from ..excitation import Design, Excitation, Optimiser, at_rest, plan
 from ..files import whole_file
-from ..limits import Limits, default_limits, load_limits, usage
+from ..limits import (
+    DEFAULT_ACCELERATION,
+    DEFAULT_VELOCITY,
+    InfeasibleLimits,
+    Limits,
+    default_limits,
+    load_limits,
+    usage,
+)
 from ..model import CableModel, load_model
 from ..objectives import ObjectiveName, make_objective, predicted_errors
 from ..recording import Recording, save_recording
@@ -52,30 +60,16 @@ def run(args: argparse.Namespace) -> int:
     """Plan, and write trajectory and design; 130 if it was interrupted (the best so far is written)."""
     model = load_model(args.manipulator)
     limits = load_limits(args.limits, model) if args.limits else default_limits(model)
-    if not args.limits:
-        notice(args, "no limits given: the mechanism's own, 1 rad/s and 2 rad/s^2 are used")
     if not 0 < args.rate < np.inf:
         raise InputError(f"a rate above 0 samples/s was expected, found {args.rate:g}")
+    if args.seed < 0:
+        raise InputError(f"a whole number from 0 on was expected, found {args.seed}", place="--seed")
     noise = _noise(args.torque_noise, model)
     output = Path(args.output)
     with whole_file(output.with_name(output.name.split(".")[0] + ".design.json")) as sidecar:
         base = base_parameters(model)
-        weights = 1.0 if noise is None else noise
         with progress_bar(args, delay=2.0) as progress:
-            design = plan(
-                model,
-                limits,
-                make_objective(args.objective, model, base=base, noise=weights),
-                harmonics=args.harmonics,
-                zero_start=args.zero_start,
-                duration=args.duration,
-                frequency=tuple(args.frequency) if args.frequency else None,
-                optimiser=args.optimiser,
-                cycles=args.cycles,
-                seed=args.seed,
-                progress=progress,
-            )
-        excitation = at_rest(model, limits, design.series, duration=args.duration)
+            design, excitation = _planned(args, model, limits, base, 1.0 if noise is None else noise, progress)
         time, q, v, a = excitation.sample(args.rate)
         if noise is None:
             noise = np.full(model.n_motors, NOISE_SHARE * np.sqrt(np.mean(motor_torques(model, q, v, a) ** 2)))
@@ -86,6 +80,11 @@ def run(args: argparse.Namespace) -> int:
         save_recording(_recording(time, q, v, a, model, design), output)
     if args.figure:
         _draw(design, args.objective, args.figure)
+    if not args.limits:
+        notice(
+            args,
+            f"no limits given: the mechanism's own, {DEFAULT_VELOCITY:g} rad/s and {DEFAULT_ACCELERATION:g} rad/s^2",
+        )
     emit(args, result, *_tables(args, design, excitation, errors, shares))
     unseen = [error.name for error in errors if not np.isfinite(error.std)]
     if unseen:
@@ -93,6 +92,27 @@ def run(args: argparse.Namespace) -> int:
     if design.interrupted:
         notice(args, f"interrupted: {output} holds the best trajectory found until then")
     return INTERRUPTED if design.interrupted else 0
+
+
+def _planned(args, model: CableModel, limits: Limits, base, noise, progress) -> tuple[Design, Excitation]:
+    """Search, and lead in and out; what the limits forbid is said of their file."""
+    try:
+        design = plan(
+            model,
+            limits,
+            make_objective(args.objective, model, base=base, noise=noise),
+            harmonics=args.harmonics,
+            zero_start=args.zero_start,
+            duration=args.duration,
+            frequency=tuple(args.frequency) if args.frequency else None,
+            optimiser=args.optimiser,
+            cycles=args.cycles,
+            seed=args.seed,
+            progress=progress,
+        )
+        return design, at_rest(model, limits, design.series, duration=args.duration)
+    except InfeasibleLimits as exc:
+        raise InputError(exc.message, source=args.limits or args.manipulator) from None
 
 
 def _noise(values: list[float] | None, model: CableModel) -> np.ndarray | None:

@@ -26,10 +26,13 @@ def run(args: argparse.Namespace) -> int:
     import numpy as np
 
     from ..console import emit, notice, progress_bar, table
+    from ..errors import InputError
     from ..model import load_model
     from ..recording import load_recording, save_recording
     from ..simulation import load_settings, simulate_recording
 
+    if args.seed < 0:
+        raise InputError(f"a whole number from 0 on was expected, found {args.seed}", place="--seed")
     model = load_model(args.model)
     trajectory = load_recording(args.trajectory, model)
     settings = load_settings(args.controller) if args.controller else None
