@@ -34,12 +34,14 @@ from pathlib import Path
 from typing import Any
 
 from proof_studies import STUDIES, Task, tasks, trial
+from proof_trial import FIELDS
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from cdm_pin.console import output
 from cdm_pin.files import write_text
 
 ROOT = Path(__file__).resolve().parent.parent
+_DEATHS = 5  # in a row, of processes, that are no longer the diagnosis's fault
 _GRACE = 240.0  # [s] that drawing and scoring may take beside the diagnosis
 
 
@@ -128,7 +130,7 @@ def run_tasks(todo: Iterator[Task], jobs: int, limit: float, until: float) -> It
                 if worker.connection in ready:
                     try:
                         row = worker.connection.recv()
-                    except EOFError:
+                    except (EOFError, OSError):
                         row = proof_trial.blank(worker.task, "the process died")
                 elif late:
                     row = proof_trial.blank(worker.task, f"more than {limit:g} s")
@@ -168,7 +170,10 @@ def study(args: argparse.Namespace, folder: Path) -> None:
     word, path = _seeds(args, folder), folder / "trials.csv"
     folder.mkdir(parents=True, exist_ok=True)
     write_text(folder / "seeds.txt", word + "\n")
-    done = {(row["study"], int(row["index"])) for row in read_rows(path)}
+    rows = read_rows(path)
+    if rows and set(rows[0]) != set(FIELDS):
+        raise SystemExit(f"proof: {path} has other columns than trials have now; give another folder with -o")
+    done = {(row["study"], int(row["index"])) for row in rows}
     options = {"timeout": args.timeout, "pysindy": args.pysindy, "baselines": not args.no_baselines}
     everything = tasks(word, tuple(args.only), **options)
     goal = args.trials or sum(STUDIES[name].most for name in args.only or STUDIES)
@@ -182,7 +187,11 @@ def study(args: argparse.Namespace, folder: Path) -> None:
                TimeRemainingColumn())  # fmt: skip
     with Progress(*columns, console=console, disable=args.quiet or not console.is_terminal) as progress:
         bar = progress.add_task("trials", total=goal, completed=len(done))
+        deaths = 0
         for count, row in enumerate(run_tasks(todo, args.jobs, args.timeout + _GRACE, until), start=1):
+            deaths = deaths + 1 if row["failure"] == "the process died" else 0
+            if deaths == _DEATHS:
+                raise SystemExit(f"proof: {_DEATHS} processes in a row died; the rows before them are kept")
             append_row(path, row)
             if args.hours:  # what the pace so far makes of them
                 pace = count / (time.monotonic() - begun)

@@ -31,8 +31,8 @@ from cdm_pin.scoring import Score, describe, score
 FIELDS = (
     "study", "index", "seed", "code", "links", "positions", "bits", "noise", "motion", "plant", "effects", "places",
     "visibility", "kinematic", "fraction", "truth", "verdict", "findings", "meetings", "first", "all", "false",
-    "unexplained", "over_floor", "over_noise", "share", "parameters", "sensitivity", "residual", "mass_error", "cpu",
-    "wall", "every_friction", "stepwise", "sparse", "failure",
+    "alike", "unexplained", "over_floor", "over_noise", "share", "parameters", "sensitivity", "residual", "mass_error",
+    "cpu", "wall", "every_friction", "stepwise", "sparse", "failure",
 )  # fmt: skip
 _SIMPLE = {  # effects without shape, and the parameter whose smallest visible value a diagnosis prints
     "viscous_friction": "viscous",
@@ -153,6 +153,7 @@ def _told(trial: Trial, oracle: Oracle, content: Mapping[str, Any]) -> dict[str,
         "first": int(result.first_right),
         "all": int(result.all_right),
         "false": len(result.false_findings),
+        "alike": _alike(oracle, result, content),
         "unexplained": "" if result.unexplained_right is None else int(result.unexplained_right),
         "over_floor": _short(result.holdout_over_floor),
         "over_noise": _short(over_noise),
@@ -160,6 +161,14 @@ def _told(trial: Trial, oracle: Oracle, content: Mapping[str, Any]) -> dict[str,
         "parameters": _parameters(trial, oracle, result),
         "sensitivity": "" if trial.truth["effects"] else _sensitivity(trial, oracle, content),
     }
+
+
+def _alike(oracle: Oracle, result: Score, content: Mapping[str, Any]) -> str:
+    """Tell how like the first effect that was missed the strongest finding is, class or not: canonical correlation."""
+    missed = [k for k, meeting in enumerate(result.meetings) if meeting == "missed"]
+    if not (missed and content["findings"]):
+        return ""
+    return _short(oracle.likeness(missed[0], content["findings"][0]))
 
 
 def _holdout(trial: Trial, content: Mapping[str, Any]) -> tuple[float | None, float | None]:

@@ -233,6 +233,9 @@ def test_oracle_knows_what_looks_alike():
     for name in ("coulomb_friction", "asymmetric_friction"):
         assert oracle.likeness(0, {"effect": name, "location": place}) > 0.999
     assert oracle.likeness(0, {"effect": "torque_offset", "location": {"kind": "motor", "index": 1}}) < 0.5
+    for name in ("transmission_ratio_error", "hysteresis"):  # at a place that a diagnosis may name, whatever its law
+        for where in ({"kind": "joint", "index": 2}, {"kind": "cable", "index": 2, "joint": 1, "link": 1}):
+            assert 0.0 <= oracle.likeness(0, {"effect": name, "location": where}) <= 1.0 + 1e-9
     visible = oracle.visibility(0)["visibility"]
     assert np.linalg.norm(oracle.signature(trial.scene.faults[0], [])) == pytest.approx(visible, rel=1e-6)
     twice = oracle.signature(trial.scene.faults[0].scaled(2.0), [])

@@ -144,7 +144,8 @@ class Oracle:
         index : int
             Which of the scene's faults.
         rival : mapping
-            "effect" and "location". Its parameters are free: a few draws of them span what it can look like.
+            "effect" and "location". Its parameters are free: a few draws of them span what it can look like. Zero for
+            a place that its law does not have.
         seed : int
             Of those draws.
         """
@@ -154,10 +155,18 @@ class Oracle:
         others = [f for k, f in enumerate(scene.faults) if k != index]
         own = self.signature(scene.faults[index], others)
         shapes = []
+        place = dict(rival["location"])
+        if rival["effect"] == "transmission_ratio_error":
+            place = {"kind": "cable", "joint": place["index"]} | place
         for _ in range(_DRAWS):
             fault = draw_fault(rival["effect"], rng, max(2, scene.arm.length.size), scale=scene.scale)
-            placed = replace(fault, location=dict(rival["location"]), width=scene.faults[index].width)
-            shape = self.signature(placed, others)
+            while fault.form == "tension" and place["kind"] != "cable":  # memory in the tension of no cable
+                fault = draw_fault(rival["effect"], rng, max(2, scene.arm.length.size), scale=scene.scale)
+            placed = replace(fault, location=place, width=scene.faults[index].width)
+            try:
+                shape = self.signature(placed, others)
+            except (KeyError, IndexError):  # the law does not have this place
+                return 0.0
             shapes.append(shape / max(float(np.linalg.norm(shape)), 1e-6))
         U, size, _ = np.linalg.svd(np.column_stack(shapes), full_matrices=False)
         U = U[:, size > _SMALLEST * max(size[0], 1e-300)]
