@@ -118,7 +118,7 @@ def _bar_table(bars: Sequence[ps.Bar]) -> str:
 
 def _power_text(powers: dict[str, Any], link: str) -> str:
     rows = [
-        (name, p.n, f"{p.sure:.1f}", f"{p.low:.1f} - {p.high:.1f}", f"{p.sure / SURE:.2f}")
+        (name, p.n, f"{p.sure:.1f}", f"{p.low:.1f} to {p.high:.1f}", f"{p.sure / SURE:.2f}")
         for name, (p, _) in sorted(powers.items(), key=lambda item: item[1][0].sure if item[1][0] else np.inf)
         if p
     ]

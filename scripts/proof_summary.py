@@ -183,7 +183,7 @@ def percent(x: float) -> str:
 
 def between(pair: tuple[float, float]) -> str:
     """Write an interval of shares in per cent."""
-    return f"{100 * pair[0]:.1f} - {100 * pair[1]:.1f} %"
+    return f"{100 * pair[0]:.1f} to {100 * pair[1]:.1f} %"
 
 
 def share_bar(what: str, s: Share, bar: float | None, *, most: bool = False) -> Bar:
@@ -206,7 +206,7 @@ def quantile_bar(what: str, values: Sequence[float], most: float | None, level: 
     spread = 1.96 * np.sqrt(len(x) * level * (1.0 - level))
     ends = [x[int(np.clip(round(len(x) * level + s * spread) - (s > 0), 0, len(x) - 1))] for s in (-1, 1)]
     met = "-" if most is None else "met" if value <= most else "not met"
-    return Bar(what, words, f"{value:.3g}{unit}", f"{ends[0]:.3g} - {ends[1]:.3g}{unit}", len(x), met)
+    return Bar(what, words, f"{value:.3g}{unit}", f"{ends[0]:.3g} to {ends[1]:.3g}{unit}", len(x), met)
 
 
 def clean_bar(rows: Sequence[Row]) -> Bar:
@@ -224,7 +224,7 @@ def coverage_bar(what: str, told: Sequence[Parameter], judged: bool) -> Bar:
     s = Share(sum(abs(p.value - p.true) <= 1.96 * p.std for p in told), len(told))
     met = "-" if not (s.n and judged) else "met" if 0.90 <= s.value <= 0.98 else "not met"
     interval = between(s.interval()) if s.n else "-"
-    return Bar(what, "90 - 98 %" if judged else "-", percent(s.value), interval, s.n, met)
+    return Bar(what, "90 to 98 %" if judged else "-", percent(s.value), interval, s.n, met)
 
 
 def encoder_costs(rows: Sequence[Row]) -> list[Bar]:
@@ -255,7 +255,7 @@ def _cost(what: str, fine: Share, coarse: Share) -> Bar:
     low = cost - np.hypot(fine.value - fl, ch - coarse.value)
     high = cost + np.hypot(fh - fine.value, coarse.value - cl)
     met = "met" if cost <= 0.05 else "not met"
-    interval = f"{100 * low:.1f} - {100 * high:.1f} points"
+    interval = f"{100 * low:.1f} to {100 * high:.1f} points"
     return Bar(what, "at most 5 points", f"{100 * cost:.1f} points", interval, fine.n + coarse.n, met)
 
 
@@ -296,6 +296,8 @@ def bars(rows: Sequence[Row]) -> list[Bar]:
                      [x for row in [*plain, *quarter] for x in numbers(row, "over_floor")], 1.1),
         quantile_bar("torque error on the unseen run over the floor, several effects (median)",
                      [x for row in sets for x in numbers(row, "over_floor")], 1.1),
+        quantile_bar("the same over the torque noise that the simulator put there (median)",
+                     [x for row in [*plain, *quarter, *sets] for x in numbers(row, "over_noise")], None),
         coverage_bar("true value inside the stated 95 % interval, where everything is right", told, True),
         coverage_bar("true value inside the stated 95 % interval, of all that was named exactly",
                      estimates(met_exactly), False),
