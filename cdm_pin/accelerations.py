@@ -86,7 +86,7 @@ def choose_accelerations(
         X, y = rows(candidate)
         if len(y) < ROWS_PER_COLUMN * present.sum(axis=1).max():
             return (tried[0],) * n_motors
-        residuals.append([_residual(X[:, i, present[i]], y[:, i]) for i in range(n_motors)])
+        residuals.append([residual(X[:, i, present[i]], y[:, i]) for i in range(n_motors)])
         scale = np.sqrt(np.mean(y**2, axis=0))
         if len(residuals) == 1 and np.all(np.array(residuals[0]) <= NEGLIGIBLE * scale):
             return (tried[0],) * n_motors
@@ -144,7 +144,8 @@ def _made(x: Vector, logged: Vector | None, otherwise: Vector, rate: float, chos
     return out
 
 
-def _residual(A: Vector, b: Vector) -> float:
+def residual(A: Vector, b: Vector) -> float:
+    """Give the root mean square of what columns A (n, p) leave of b (n,)."""
     norms = np.linalg.norm(A, axis=0)
     A = A / np.where(norms > 0, norms, 1.0)
     return float(np.sqrt(np.mean((b - A @ np.linalg.lstsq(A, b, rcond=1e-9)[0]) ** 2)))

@@ -7,7 +7,7 @@ them: :math:`\pi_{base} = G\,\pi_{std}` with :math:`Y_m = Y_m[:, \mathrm{columns
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -56,6 +56,12 @@ class BaseParameters:
     def rank(self) -> int:
         """Number of base parameters."""
         return len(self.names)
+
+    @property
+    def empty(self) -> BaseParameters:
+        """The same of a robot of which nothing is asked."""
+        none = np.zeros(0, dtype=int)
+        return replace(self, names=(), matrix=self.matrix[none], columns=none, links=())
 
     def values(self, pi_std: Vector) -> Vector:
         """Give the base parameters of standard parameters, shape (..., 10 n_joints)."""

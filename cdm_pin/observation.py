@@ -7,7 +7,7 @@ subtracted from y. Joints and motors that do not move are held exactly still, so
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -24,6 +24,7 @@ from .motion import Motion
 from .problem import Band, make_band
 from .recording import Recording
 from .regressor import blocks, motor_regressor
+from .sign_widths import choose_factors
 from .signals import Signals, prepare
 from .signals_checks import check
 from .signals_filters import differentiate, lowpass, moves, noise_floor, spectrum
@@ -134,29 +135,50 @@ def observe(plan: Plan, recording: Recording) -> Observation:
         resting=still_m,
     )
 
-    def tried(choice: Acceleration) -> tuple[Vector, Vector]:
-        made = with_accelerations(plan.model, motion, signals, q, q_m, (choice,) * plan.model.n_motors)
-        made = _held(made, still, still_m)
-        segments = _middle(observation.segments, LONGEST // band.step)
-        part = replace(observation, motion=made, torque=torque - stated_torque(made), segments=segments)
-        found = [(X, y) for _, X, y in rows(plan, part)]
-        X = np.concatenate([np.zeros((0, *plan.present.shape)), *(X for X, _ in found)])
-        return X, np.concatenate([np.zeros((0, plan.model.n_motors)), *(y for _, y in found)])
+    def moved(chosen: Sequence[Acceleration]) -> Observation:
+        made = _held(with_accelerations(plan.model, motion, signals, q, q_m, chosen), still, still_m)
+        return replace(observation, motion=made, torque=torque - stated_torque(made))
 
+    part = _middle(observation.segments, LONGEST // band.step)
     chosen = plan.accelerations
     if chosen is None:
-        lowest = motion_band(signals, slowest=True)
-        chosen = choose_accelerations(candidates(signals, band.cutoff, lowest), tried, plan.present)
-    made = _held(with_accelerations(plan.model, motion, signals, q, q_m, chosen), still, still_m)
+        tried = candidates(signals, band.cutoff, motion_band(signals, slowest=True))
+        alike = lambda choice: _stacked(plan, replace(moved((choice,) * plan.model.n_motors), segments=part))  # noqa: E731
+        chosen = choose_accelerations(tried, alike, plan.present)
+    observation = moved(chosen)
     trembling = with_accelerations(plan.model, shaken, signals, q + noise, q_m + noise_m, chosen)
     return replace(
         observation,
-        motion=made,
         shaken=_held(trembling, still, still_m),
-        torque=torque - stated_torque(made),
+        shapes=plan.shapes or _widened(plan, replace(observation, segments=part)),
         accelerations=chosen,
         notices=(notices[0], *said(chosen, plan.model.motors), *notices[1:]),
     )
+
+
+def _stacked(plan: Plan, observation: Observation) -> tuple[Vector, Vector]:
+    """Give all rows at once."""
+    found = [(X, y) for _, X, y in rows(plan, observation)]
+    width = plan.base.rank + len(plan.terms)
+    X = np.concatenate([np.zeros((0, plan.model.n_motors, width)), *(X for X, _ in found)])
+    return X, np.concatenate([np.zeros((0, plan.model.n_motors)), *(y for _, y in found)])
+
+
+def _widened(plan: Plan, observation: Observation) -> tuple[tuple[float, ...], ...]:
+    """Give the shapes of all terms, the signs of dry friction as wide as the torques show them."""
+    where = [k for k, term in enumerate(plan.terms) if CATALOGUE[term.effect].nuisance_shape]
+    alone = replace(plan, base=plan.base.empty, terms=tuple(plan.terms[k] for k in where))
+    narrow = [observation.shapes[k][0] for k in where]
+
+    def signs(factor: float) -> Vector:
+        return _stacked(alone, replace(observation, shapes=tuple((factor * width,) for width in narrow)))[0]
+
+    columns = [plan.base.rank + k for k in where]
+    factors = choose_factors(*_stacked(plan, observation), signs, columns, plan.present)
+    shapes = list(observation.shapes)
+    for k, width, factor in zip(where, narrow, factors, strict=True):
+        shapes[k] = (float(factor * width),)
+    return tuple(shapes)
 
 
 def linear_motors(model: CableModel) -> np.ndarray:
@@ -280,8 +302,9 @@ def rows(
 def columns(plan: Plan, observation: Observation, part: slice, *, shaken: bool = False) -> Vector:
     """Compute the columns at samples of the recording, not filtered, shape (n, n_motors, n_columns)."""
     motion = _part(observation.shaken if shaken else observation.motion, part)
-    rigid = motor_regressor(plan.model, motion.q, motion.v, motion.a)[..., plan.base.columns]
-    parts = [rigid]
+    parts = [np.zeros((motion.n, plan.model.n_motors, 0))]
+    if plan.base.rank:
+        parts.append(motor_regressor(plan.model, motion.q, motion.v, motion.a)[..., plan.base.columns])
     for term, shape in zip(plan.terms, observation.shapes, strict=True):
         own = torque_columns(CATALOGUE[term.effect].columns(motion, term.place, shape), motion)
         parts.append(own[..., term.number : term.number + 1])

@@ -143,21 +143,19 @@ class Survey:
         self.plan, self.workers, self.skip_bad = plan, workers, skip_bad
         self.progress: Progress = progress or (lambda step, fraction: None)
         self.tasks: list[Task] = []
-        self.accelerations: tuple[Acceleration, ...] | None = None
         self.freedom = 1, 0.0  # samples, independent values
 
     def visit(self, sources: Sequence[Source], step: str) -> Gathered:
         """Visit recordings for their moments; those visited first are the ones of all later visits."""
         kept = {} if self.workers.in_process and len(sources) <= 8 else None
-        plan = replace(self.plan, accelerations=self.accelerations)  # those of the training, for a hold-out
-        tasks = [(plan, source, kept) for source in sources]
+        tasks = [(self.plan, source, kept) for source in sources]
         visit = self._told_visit(tasks[0], step) if self._listened else reduce_recording
         results = self._run(visit, tasks, sources, step, skip_bad=self.skip_bad)
         good: list[Task] = []
         gathered = gather(self.plan, _noting(tasks, results, good), len(tasks) <= MANY)
         if not self.tasks:
             self.tasks = good
-            self.accelerations = _usual(gathered.visits)
+            self.plan = _settled(self.plan, gathered.visits)  # what the training chose, for a hold-out
             self.freedom = max(gathered.moments.n_samples, 1), gathered.independent
         return gathered
 
@@ -211,17 +209,20 @@ class Survey:
         )
 
 
-def _usual(visits: Sequence[Visit]) -> tuple[Acceleration, ...]:
-    """Per motor the middle one of the recordings' choices."""
-    per_motor = zip(*(visit.accelerations for visit in visits), strict=True)
-    return tuple(sorted(choices, key=lambda choice: choice.cutoff)[len(choices) // 2] for choices in per_motor)
+def _settled(plan: Plan, visits: Sequence[Visit]) -> Plan:
+    """Settle what recordings chose on the middle one of their choices, per motor and per term."""
+    middle = len(visits) // 2
+    ways = zip(*(visit.accelerations for visit in visits), strict=True)
+    accelerations = tuple(sorted(choices, key=lambda choice: choice.cutoff)[middle] for choices in ways)
+    shapes = tuple(sorted(choices)[middle] for choices in zip(*(visit.shapes for visit in visits), strict=True))
+    return replace(plan, accelerations=accelerations, shapes=shapes)
 
 
 def _noting(tasks: Sequence[Task], results: Iterable[Any], good: list[Task]) -> Iterator[Any]:
     """Pass results on, and note the tasks of those that are visits."""
     for task, result in zip(tasks, results, strict=True):
         if isinstance(result, Visit):
-            good.append((replace(task[0], accelerations=result.accelerations), *task[1:]))
+            good.append((replace(task[0], accelerations=result.accelerations, shapes=result.shapes), *task[1:]))
         yield result
 
 

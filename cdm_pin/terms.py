@@ -179,6 +179,8 @@ class Plan:
         Of the common filter [Hz]; None chooses it from each recording.
     accelerations : tuple of Acceleration or None
         How each motor's acceleration is made; None chooses from each recording.
+    shapes : tuple or None
+        What each term is not linear in (the width of the smooth sign); None chooses from each recording.
     """
 
     model: CableModel
@@ -187,6 +189,7 @@ class Plan:
     n_wanted: int
     cutoff: float | None = None
     accelerations: tuple[Acceleration, ...] | None = None
+    shapes: tuple[tuple[float, ...], ...] | None = None
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -66,7 +66,7 @@ def csv_text(chapters: Sequence[Chapter]) -> str:
 
 
 def write_readme(chapters: Sequence[Chapter], path: Path, begin="<!-- real robots -->", end="<!-- end -->") -> bool:
-    """Write first and last row of each robot between two marks of the README; give whether the marks are there."""
+    """Write published, identified and last rows between two marks of the README; give whether the marks are there."""
     text = path.read_text(encoding="utf-8")
     head, found, rest = text.partition(begin)
     if not found or end not in rest:
@@ -82,4 +82,6 @@ def write_readme(chapters: Sequence[Chapter], path: Path, begin="<!-- real robot
 def _first_and_last(rows: Sequence[Row]) -> list[Row]:
     last = rows[-1].step
     published = [row for row in rows if row.step.startswith("published,") or row.case == "published"]
-    return [*(published or rows[:1]), *(row for row in rows if row.step == last and row not in published)]
+    named = [row for row in rows if row.step.startswith("`cdm-pin identify`")]
+    first = [*(published or (rows[:1] if not named else [])), *named]
+    return [*first, *(row for row in rows if row.step == last and row not in first)]
