@@ -8,7 +8,7 @@ To add an effect, add one `Effect` to `CATALOGUE`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -104,6 +104,9 @@ class Effect:
         Coefficients, shape -> parameter values.
     exact : bool
         Whether the columns are exact or to first order in the effect.
+    detail : callable, optional
+        Motion, place, shape, scale -> series that no law fixes: how a sign of velocity passes through zero (what encoder
+        steps, filters and standstill make of it), or how the elements of a hysteresis are spread.
     exact_travel : bool
         Whether the kinematic column is exact where the torque's is not.
     confounded : tuple of str
@@ -123,6 +126,7 @@ class Effect:
     signs: tuple[int, ...] = (0,)
     exact: bool = True
     exact_travel: bool = False
+    detail: Callable[[Motion, Place, Shape, float], list[Vector]] | None = None
     confounded: tuple[str, ...] = ()
     revealed_by: str = ""
     reference: str = ""
@@ -315,6 +319,17 @@ def _position(motion: Motion, place: Place) -> Vector:
 
 def _sign(motion: Motion, place: Place, shape: Shape) -> Vector:
     return np.tanh(_speed(motion, place) / shape[0])
+
+
+def _transition(motion: Motion, place: Place, shape: Shape, scale: float) -> list[Vector]:
+    v = _speed(motion, place)
+    signs = [np.tanh(v / (f * scale)) for f in (0.35, 0.9, 2.0)]
+    return [signs[0] - signs[1], signs[1] - signs[2]]
+
+
+def _stops(motion: Motion, place: Place, shape: Shape, scale: float) -> list[Vector]:
+    x = _position(motion, place)
+    return [maxwell(x, f * scale * shape[0], 1.0) for f in (0.3, 0.8, 2.0, 5.0)]
 
 
 def _viscous(motion: Motion, place: Place, shape: Shape) -> Columns:
@@ -582,8 +597,6 @@ def _encoder(motion: Motion, place: Place, shape: Shape) -> Columns:
 
 
 def _tilt(motion: Motion, place: Place, shape: Shape) -> Columns:
-    from dataclasses import replace
-
     from .dynamics import inverse_dynamics
 
     model, g = motion.model, motion.model.chain.gravity
@@ -687,7 +700,9 @@ def _slack_physical(beta: Vector, shape: Shape) -> dict[str, float]:
 
 
 def _hysteresis_physical(beta: Vector, shape: Shape) -> dict[str, float]:
-    return {"stiffness": float(beta[0]) / shape[0], "limit": float(beta[0]), "form": shape[1]}
+    stops = zip(beta[1:], (0.3, 0.8, 2.0, 5.0), strict=False)
+    stiffness = beta[0] + sum(b / f for b, f in stops)
+    return {"stiffness": float(stiffness) / shape[0], "limit": float(np.sum(beta)), "form": shape[1]}
 
 
 def _drift_physical(beta: Vector, shape: Shape) -> dict[str, float]:
@@ -755,6 +770,7 @@ CATALOGUE: dict[str, Effect] = {
             revealed_by="slow strokes both ways",
             reference=_FRICTION,
             nuisance_shape=1,
+            detail=_transition,
         ),
         Effect(
             "stribeck_friction",
@@ -774,6 +790,7 @@ CATALOGUE: dict[str, Effect] = {
             inverse=lambda p: ([p["coulomb"], p["stribeck"]], [p["stribeck_velocity"]]),
             reference=_FRICTION,
             nuisance_shape=1,
+            detail=_transition,
         ),
         Effect(
             "asymmetric_friction",
@@ -788,6 +805,7 @@ CATALOGUE: dict[str, Effect] = {
             revealed_by="nothing beside symmetric friction and a constant torque on that joint, which it equals",
             reference=_FRICTION,
             nuisance_shape=1,
+            detail=_transition,
         ),
         Effect(
             "quadratic_drag",
@@ -813,6 +831,7 @@ CATALOGUE: dict[str, Effect] = {
             revealed_by="another pretension or payload",
             reference="Hamon, Gautier, Garrec, IEEE/RSJ IROS 2010",
             nuisance_shape=1,
+            detail=_transition,
         ),
         Effect(
             "torque_dependent_friction",
@@ -827,6 +846,7 @@ CATALOGUE: dict[str, Effect] = {
             revealed_by="two payloads",
             reference="Hamon, Gautier, Garrec, IEEE/RSJ IROS 2010",
             nuisance_shape=1,
+            detail=_transition,
         ),
         Effect(
             "position_dependent_friction",
@@ -847,6 +867,7 @@ CATALOGUE: dict[str, Effect] = {
             inverse=_position_inverse,
             reference=_FRICTION,
             nuisance_shape=1,
+            detail=_transition,
         ),
         Effect(
             "cable_friction",
@@ -861,6 +882,7 @@ CATALOGUE: dict[str, Effect] = {
             revealed_by="moving the joints before and after that link one at a time",
             reference=_FRICTION,
             nuisance_shape=1,
+            detail=_transition,
         ),
         Effect(
             "capstan_friction",
@@ -876,6 +898,7 @@ CATALOGUE: dict[str, Effect] = {
             revealed_by="two pretensions",
             reference="Euler-Eytelwein; to first order in mu",
             nuisance_shape=1,
+            detail=_transition,
         ),
         Effect(
             "hysteresis",
@@ -890,7 +913,7 @@ CATALOGUE: dict[str, Effect] = {
             revealed_by="small nested reversals",
             inverse=lambda p: ([p["limit"]], [p["limit"] / p["stiffness"], p.get("form", 0.0)]),
             reference="Dahl 1968; Maxwell-slip: Lampaert, Swevers, Al-Bender 2002; memory in angle",
-            nuisance_shape=0,
+            detail=_stops,
         ),
         Effect(
             "friction_drift",
@@ -906,6 +929,7 @@ CATALOGUE: dict[str, Effect] = {
             inverse=lambda p: ([p["friction"], p["friction"] * p["extra"]], [p["time_constant"]]),
             reference=_FRICTION,
             nuisance_shape=1,
+            detail=_transition,
         ),
         Effect(
             "joint_spring",
@@ -991,6 +1015,7 @@ CATALOGUE: dict[str, Effect] = {
             inverse=lambda p: ([p.get("inertia", 0.0), p.get("viscous", 0.0), p.get("coulomb", 0.0)], [p["ratio"]]),
             reference=_MAP,
             nuisance_shape=1,
+            detail=_transition,
         ),
         Effect(
             "pulley_eccentricity",
@@ -1118,20 +1143,45 @@ CATALOGUE: dict[str, Effect] = {
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect at a place with given nonlinear parameters."""
+    """An effect at a place with given nonlinear parameters.
+
+    Attributes
+    ----------
+    effect : Effect
+    place : Place
+    shape : tuple of float
+    detail : float
+        Where it is not zero, a few free columns more, on this scale, say what the law leaves open (`Effect.detail`).
+    """
 
     effect: Effect
     place: Place
     shape: Shape = ()
+    detail: float = 0.0
 
     @cached_property
     def key(self) -> tuple[str, str]:
         """Effect and place, whatever the shape."""
         return self.effect.name, str(sorted(self.place.location.items()))
 
+    @cached_property
+    def identity(self) -> tuple[Any, ...]:
+        """Effect, place and shape."""
+        return self.key, self.shape, self.detail
+
     def columns(self, motion: Motion) -> Columns:
         """Columns on one motion."""
-        return self.effect.columns(motion, self.place, self.shape)
+        columns = self.effect.columns(motion, self.place, self.shape)
+        if not self.detail or columns.along is None or self.effect.detail is None:
+            return columns
+        series, w = columns.along
+        return Columns(along=(np.vstack([series, *self.effect.detail(motion, self.place, self.shape, self.detail)]), w))
+
+    def detailed(self, motions: Sequence[Motion]) -> Candidate:
+        """Free what the law leaves open, where it leaves anything open."""
+        if self.effect.detail is None or self.detail or not self.named:
+            return self
+        return replace(self, detail=sign_width(motions, self.place) if self.effect.nuisance_shape else 1.0)
 
     @property
     def named(self) -> bool:

@@ -213,7 +213,7 @@ def _leaders(
         value = gain(search, fit, candidate, score)
         if np.isfinite(value) and (candidate.key not in best or value > best[candidate.key][0]):
             best[candidate.key] = (value, i, score)
-    order = sorted(best.values(), key=lambda item: -item[0])[:most]
+    order = sorted(best.values(), key=lambda item: (-_rough(item[0]), item[1]))[:most]
     return [(bank.candidates[i], score, bank.weight[i]) for _, i, score in order]
 
 
@@ -243,6 +243,9 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
     if not candidates:
         return None
     first = search.refine(fit, candidates[0])
+    if first[1].statistic > 400.0:
+        candidates = [c.detailed(search.problem.motions) for c in (first[0], *candidates[1:])]
+        first = search.refine(fit, candidates[0])
     pool = [first]
     rest = [_same_width(c, first[0]) for c in candidates[1:]]
     scored = [(gain(search, fit, c, s), n, c, s) for n, c in enumerate(rest) for s in [search.score(fit, c)]]
@@ -258,7 +261,12 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
     error = search.settings.law_error if top[0].named else search.settings.patch_law_error
     slack = 0.5 * error**2 * top[1].statistic
     near = [item for item in pool if gain(search, fit, *item) >= gain(search, fit, *top) - slack]
-    return min(near, key=lambda item: (item[1].k + item[0].extra, -gain(search, fit, *item)))
+    return min(near, key=lambda item: (item[1].k + item[0].extra, -_rough(gain(search, fit, *item))))
+
+
+def _rough(x: float) -> float:
+    """Round to six digits, so that what differs by rounding alone stands in a fixed order."""
+    return float(f"{x:.6g}")
 
 
 def _same_width(candidate: Candidate, other: Candidate) -> Candidate:
@@ -348,6 +356,8 @@ def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> F
     own = gain(search, without, candidate, score)
     rivals = []
     for leader, _, _ in _leaders(search, without, bank, 12, [*others, candidate], named=None):
+        if candidate.detail:
+            leader = leader.detailed(search.problem.motions)
         leader = _same_width(leader, candidate)
         s = search.score(without, leader)
         if gain(search, without, leader, s) > own - max(30.0, 0.1 * abs(own)):

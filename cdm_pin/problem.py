@@ -17,7 +17,7 @@ from .motion import Motion
 from .recording import Recording
 from .regressor import motor_regressor
 from .signals import Signals, prepare
-from .signals_filters import differentiate, lowpass
+from .signals_filters import differentiate, lowpass, noise_floor
 from .whitening import Lines, Segments
 
 
@@ -240,8 +240,6 @@ def _cutoff(model: CableModel, signals: Sequence[Signals]) -> float:
 
     Above it the columns of the rigid body carry noise of their own, which biases a least-squares fit.
     """
-    from .signals_filters import noise_floor
-
     limits = []
     for s in signals:
         q, _ = _positions(model, s)
@@ -277,26 +275,39 @@ def _parted(travel: Vector, band: Band, signals: Signals, model: CableModel, lim
     return bool(np.any(np.std(moved, axis=1) > limit * np.sqrt(share * noise)))
 
 
+def _sharp(model: CableModel, signals: Signals, q: Vector, share: float = 0.01) -> float:
+    """Widest band [Hz] in which the noise of velocity stays below a share of the velocity, for what turns with its sign."""
+    v = np.sqrt(np.mean(differentiate(lowpass(q, signals.rate, 0.05 * signals.rate), signals.rate) ** 2, axis=0))
+    noise = np.maximum(noise_floor(q, signals.rate), 1e-9)
+    moving = v > 1e-4
+    if not moving.any():
+        return 0.0
+    ratio = np.median(v[moving] / noise[moving])
+    wide = (share * ratio * np.sqrt(1.5 * signals.rate) / (2 * np.pi)) ** (2 / 3)
+    return float(min(wide, 0.2 * signals.rate))
+
+
 def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinematic: bool, index: int) -> Run:
     rate, light = signals.rate, min(2.0 * band.cutoff, 0.45 * signals.rate)
     q_raw, q_m_raw = _positions(model, signals)
+    sharp = max(light, _sharp(model, signals, q_raw))
     travel = q_m_raw - model.motor_position(q_raw)
     if kinematic and not _parted(travel, band, signals, model):
         q_m_raw = model.motor_position(
             q_raw
         )  # both encoders see one motion: two noisy copies of it would fit the noise
-    q, q_m = lowpass(q_raw, rate, light), lowpass(q_m_raw, rate, light)
-    v, v_m = differentiate(q, rate), differentiate(q_m, rate)
-    noise = np.sqrt(np.mean((q_m_raw - q_m) ** 2, axis=0)) * 2 * np.pi * light * np.sqrt(2 * light / rate / 3)
+    q, q_m = lowpass(q_raw, rate, sharp), lowpass(q_m_raw, rate, sharp)
+    slow, slow_m = lowpass(q_raw, rate, light), lowpass(q_m_raw, rate, light)
+    noise = np.sqrt(np.mean((q_m_raw - q_m) ** 2, axis=0)) * 2 * np.pi * sharp * np.sqrt(2 * sharp / rate / 3)
     motion = Motion(
         model=model,
         time=signals.time - signals.time[0],
         q=q,
-        v=v,
-        a=differentiate(v, rate),
+        v=differentiate(q, rate),
+        a=differentiate(differentiate(slow, rate), rate),
         q_m=q_m,
-        v_m=v_m,
-        a_m=differentiate(v_m, rate),
+        v_m=differentiate(q_m, rate),
+        a_m=differentiate(differentiate(slow_m, rate), rate),
         joints_measured="joint_position" in signals.logged,
         motors_measured="motor_position" in signals.logged,
         velocity_noise=noise,

@@ -226,7 +226,7 @@ class Search:
 
     def columns(self, candidate: Candidate) -> list[Vector]:
         """Columns of a candidate in the band, per run; kept for the next time."""
-        key = (candidate.key, candidate.shape)
+        key = candidate.identity
         if key not in self._cache:
             self._cache[key] = [lines.dense() for lines in self.problem.reduce(candidate.columns)]
         return self._cache[key]
@@ -288,7 +288,7 @@ class Search:
         """Fit rigid body and effects; estimate the noise anew unless a whitener is given."""
         if whitener is None:
             whitener = self.noise(effects)
-        order = tuple((c.key, c.shape) for c in effects)
+        order = tuple(c.identity for c in effects)
         known = self._fits.get(whitener, order)
         return known if known is not None else self._fits.keep(self._fit(effects, whitener), whitener, order)
 
@@ -498,7 +498,7 @@ class Search:
             shape = (*start.shape[:i], value, *start.shape[i + 1 :])
             trial = replace(start, shape=shape)
             s = self.score(fit, trial)
-            self._cache.pop((trial.key, trial.shape), None)
+            self._cache.pop(trial.identity, None)
             found.append((s.statistic, trial, s))
             return -s.statistic if np.isfinite(s.statistic) else 0.0
 
@@ -540,7 +540,7 @@ def _outside(rows: Vector, run: Segments, n: int) -> Vector:
 
 
 def _key(effects: Sequence[Candidate]) -> frozenset[Any]:
-    return frozenset((c.key, c.shape) for c in effects)
+    return frozenset(c.identity for c in effects)
 
 
 def _least_squares(A: Vector, b: Vector, size: Vector | None = None) -> tuple[Vector, Vector, Vector]:
