@@ -14,6 +14,7 @@ from .show import RATE, Show, camera, frame_at, show_ghosts
 from .viewer_page import saved_page
 
 MOST_FRAMES = 1200
+SMOOTH = 10.0  # pictures a second below which a page says so [Hz]
 
 
 def write_ghosts(
@@ -73,6 +74,8 @@ def write_animation(path: str | os.PathLike[str], show: Show, lines: tuple[str, 
     rate = (count - 1) / show.duration if count > 1 else RATE
     frames = np.vstack([pack_frames(frame_at(show, float(t), show.news)) for t in times])
     commands = [*stage_commands(), *(command for scene in show.scenes for command in scene_commands(scene))]
+    if rate < SMOOTH:
+        lines = [*lines, f"A long motion: one picture every {1 / rate:.2g} s."]
     news = {**show.news, "lines": [*lines, *(show.news.get("lines") or [])]}
     page = saved_page(show.title, commands, layout(show.scenes), camera(show.scenes, show.q), frames, rate, news)
     write_text(path, page)

@@ -9,7 +9,7 @@ import webbrowser
 from pathlib import Path
 from typing import Any
 
-from ..console import emit, progress_bar
+from ..console import emit, notice, progress_bar
 from ..errors import InputError
 from ..files import read_text
 from ..model import load_model
@@ -36,6 +36,8 @@ def run(args: argparse.Namespace) -> int:
     from ..show import show_model, show_recording
     from ..viewer import Viewer, link
 
+    if args.seconds is not None and not args.seconds > 0:
+        raise InputError(f"a time above 0 s was expected, found {args.seconds:g}", place="--for")
     model = load_model(args.model)
     news = link(_diagnosis(args.diagnosis)) if args.diagnosis else {}
     with progress_bar(args) as progress:
@@ -52,8 +54,8 @@ def run(args: argparse.Namespace) -> int:
         return 0
     with Viewer(show, host=args.host, port=args.port) as viewer:
         emit(args, {"url": viewer.url}, f"Serving {show.title} at {viewer.url} (Ctrl-C ends it)")
-        if args.open:
-            webbrowser.open(viewer.url)
+        if args.open and not webbrowser.open(viewer.url):
+            notice(args, f"no browser was found on this machine; open {viewer.url} in one")
         end = time.monotonic() + (args.seconds if args.seconds is not None else float("inf"))
         while viewer.alive and time.monotonic() < end:
             time.sleep(0.1)
