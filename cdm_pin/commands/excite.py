@@ -81,10 +81,8 @@ def run(args: argparse.Namespace) -> int:
     if args.figure:
         _draw(design, args.objective, args.figure)
     if not args.limits:
-        notice(
-            args,
-            f"no limits given: the mechanism's own, {DEFAULT_VELOCITY:g} rad/s and {DEFAULT_ACCELERATION:g} rad/s^2",
-        )
+        moderate = f"{DEFAULT_VELOCITY:g} rad/s and {DEFAULT_ACCELERATION:g} rad/s^2"
+        notice(args, f"no limits given; used: the mechanism's with a margin, {moderate}")
     emit(args, result, *_tables(args, design, excitation, errors, shares))
     unseen = [error.name for error in errors if not np.isfinite(error.std)]
     if unseen:
