@@ -108,6 +108,9 @@ def physical_note(result: Identification) -> str:
     """Say how the links of the model file relate to the identified base parameters."""
     if result.standard.exact:
         return "reproduce the base parameters"
+    effects = zip(result.terms, result.fit.values[result.base.rank :], strict=True)
+    if result.reliable.all() and any(term.nonnegative and value < 0 for term, value in effects):
+        return "are the nearest with friction and rotor inertia not below zero"
     if result.reliable.all():
         return "no body of positive density has these base parameters: the nearest consistent ones are written"
     return "follow what is identifiable; the rest stays with the manipulator file"

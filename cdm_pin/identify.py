@@ -230,7 +230,7 @@ def identify(
         plan=plan,
         train=train,
         holdout=survey.visit(holdout, "holdout") if holdout else None,
-        hints=_hints(plan, train.moments, columns),
+        hints=(*_hints(plan, train.moments, columns), *_negative(terms, fit, covariance)),
     )
     _check_holdout(result)
     return result
@@ -248,15 +248,16 @@ def _standard(
 ) -> tuple[Standard, Fit]:
     """Find physically valid links; the consistent estimator takes its values from them."""
     massive = massive_columns(model)
+    signs = np.array([term.nonnegative for term in terms], dtype=bool)
+    possible = np.all(fit.values[base.rank :][signs] >= 0)
     prior, matrix = model.standard_parameters[massive], base.matrix[:, massive]
-    if estimator != "consistent" and reliable.all():
+    if estimator != "consistent" and reliable.all() and possible:
         exact = nearest_standard(matrix, fit.values[: base.rank], prior)
         if exact is not None:
             return _placed(model, massive, exact), fit
     std = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
     correlation = covariance / np.outer(std, std)
     information = np.linalg.pinv(correlation, rcond=1e-10, hermitian=True) / np.outer(std, std)
-    signs = np.array([term.nonnegative for term in terms], dtype=bool)
     standard = consistent_standard(matrix, fit.values, information, prior, nonnegative=signs, prior_weight=prior_weight)
     standard = _placed(model, massive, standard)
     if estimator == "consistent":
@@ -289,6 +290,20 @@ def _hints(plan: Plan, moments: Moments, columns: Sequence[int], least: float = 
             share = f"{100 * gain[i]:.0f} % off the residual of motor {i + 1}"
             hints.append(f"{name} would take {share} (--effects {name})")
     return tuple(hints)
+
+
+def _negative(terms: Sequence[Term], fit: Fit, covariance: Vector, limit: float = 2.0) -> tuple[str, ...]:
+    """Say which coefficients came out negative by more than their errors though physics forbids it."""
+    first = len(fit.values) - len(terms)
+    found = []
+    for k, term in enumerate(terms, first):
+        std = float(np.sqrt(max(covariance[k, k], 0.0)))
+        if term.nonnegative and fit.values[k] < -limit * std:
+            found.append(
+                f"{term.name} came out negative ({fit.values[k]:.2g}, std {std:.2g}): something else acts there "
+                "(friction with memory looks like that); model.yaml has none below zero"
+            )
+    return tuple(found)
 
 
 def _check_holdout(result: Identification) -> None:

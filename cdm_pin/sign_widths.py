@@ -18,7 +18,7 @@ FACTORS = 2.0 ** np.arange(8)  # on the narrowest width
 
 
 def choose_factors(
-    X: Vector, y: Vector, signs: Callable[[float], Vector], where: Sequence[int], present: Vector
+    X: Vector, y: Vector, signs: Callable[[float], Vector], where: Sequence[int], present: np.ndarray
 ) -> Vector:
     """Choose by what factor each friction's sign is wider than the narrowest.
 
@@ -46,13 +46,14 @@ def choose_factors(
         X = X.copy()
         X[..., where] = signs(float(factor))
         left.append([residual(X[:, i, present[i]], y[:, i]) for i in range(len(present))])
-    costs = 2 * np.log(np.maximum(np.array(left), 1e-9 * np.sqrt(np.mean(y**2, axis=0)) + 1e-300))
+    variance = np.maximum(np.array(left), 1e-9 * np.sqrt(np.mean(y**2, axis=0)) + 1e-150) ** 2
+    variance = variance / variance.min(axis=0)
     enough = 2 * np.log(len(y)) / len(y)  # of a logarithm of the variance, for one parameter and correlated samples
     for k, column in enumerate(where):
-        cost = np.sum(costs[:, present[:, column]], axis=1)
-        best = int(np.argmin(cost))
-        if cost[0] - cost[best] > enough:
-            chosen[k] = FACTORS[0] * 2.0 ** (best + _vertex(cost, best))
+        reached = variance[:, present[:, column]]
+        best = int(np.argmin(np.sum(np.log(reached), axis=1)))
+        if np.sum(np.log(reached[0] / reached[best])) > enough:
+            chosen[k] = FACTORS[0] * 2.0 ** (best + _vertex(np.sum(reached, axis=1), best))
     return chosen
 
 

@@ -106,8 +106,8 @@ def document(found: dict[Case, list[np.ndarray]]) -> str:
         "# Do stated intervals hold the truth?",
         "",
         f"Written by `scripts/interval_coverage.py`. {len(next(iter(found.values())))} arms per line, each with "
-        "lengths, masses, motion, servo, encoders (14 or 17 bits, at joints, motors or both) and jitter of the sampling "
-        "instants of its own, simulated by `cdm_pin.plant`, which shares no code with the identification; one "
+        "lengths, masses, motion, servo, encoders (14 or 17 bits, at joints, motors or both) and jitter of the "
+        "sampling instants of its own, simulated by `cdm_pin.plant`, which shares no code with the identification; one "
         "recording of 30 s at 200 Hz each. Torque noise is 0.1 to 0.3 % of the arm's scale: white, or an "
         "autoregression of coefficient 0.5 to 0.9 plus a drift slower than 25 s. A stated "
         f"{100 * LEVEL:.0f} % interval should hold the truth in {100 * LEVEL:.0f} % of all values.",
