@@ -233,8 +233,11 @@ def main(argv: list[str] | None = None) -> int:
             print("proof: interrupted; the rows so far are kept", file=sys.stderr)
     from proof_report import write_report
 
+    rows = read_rows(folder / "trials.csv")
+    if not rows:
+        raise SystemExit(f"proof: {folder} holds no trials")
     page = folder.with_suffix(".md") if args.output is None else folder / "proof.md"
-    write_report(read_rows(folder / "trials.csv"), folder, page)
+    write_report(rows, folder, page)
     output().print(page.read_text(encoding="utf-8").split("\n## ")[0] if args.quiet else f"Written: {page}")
     return 0
 

@@ -356,6 +356,7 @@ def _score_figure(rows: Sequence[ps.Row], path: Path) -> None:
     width = 0.8 / len(methods)
     for m, (name, colour) in enumerate(zip(methods, (_BLUE, _RED, "#E69F00", _GREY), strict=False)):
         scores = ps.baseline_scores(rows, name)
+        axis.bar(0.0, 0.0, color=colour, label=_METHODS[name])
         for g, key in enumerate(groups):
             s = scores[key]
             if not s.n:
@@ -364,7 +365,7 @@ def _score_figure(rows: Sequence[ps.Row], path: Path) -> None:
             s = ps.Share(s.n - s.k, s.n) if turned else s
             low, high = s.interval()
             at = g + (m - 0.5 * (len(methods) - 1)) * width
-            axis.bar(at, s.value, 0.92 * width, color=colour, label=_METHODS[name] if g == 0 else None)
+            axis.bar(at, s.value, 0.92 * width, color=colour)
             axis.plot([at, at], [low, high], color="black", lw=0.8)
     axis.set_xticks(range(len(groups)), list(groups.values()), fontsize=8)
     axis.set_ylim(0, 1.02)

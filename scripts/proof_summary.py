@@ -392,10 +392,10 @@ _BASELINE_SCORES = (  # studies, what is counted, and where it stands in first/a
 def baseline_scores(rows: Iterable[Row], name: str) -> dict[str, Share]:
     """Score a baseline (a column of rows, or "diagnosis") on the trials where every one of them has an answer."""
     rows = list(rows)
+    rows = [row for row in rows if row["every_friction"]] or rows
     out = {}
     for study, what, index in _BASELINE_SCORES:
         some = of(rows, *(("two", "three") if study == "sets" else (study,)))
-        some = [row for row in some if row["every_friction"]]
         if name == "diagnosis":
             cells = [(row["first"] or 0, row["all"] or 0, alarm(row) if study == "clean" else row["false"] or 0)
                      for row in some]  # fmt: skip

@@ -125,6 +125,8 @@ def test_show_gives_the_command(proof, tmp_path, capsys):
     assert proof.proof.main(["--show", "strange/3", "--seeds", "word", "-o", str(tmp_path)]) == 0
     seed = proof.studies.seed_from_commit("word", "strange/3")
     assert f"scripts/blind_trial.py --seed {seed} --count 1 --strange" in capsys.readouterr().out
+    with pytest.raises(SystemExit, match="holds no trials"):
+        proof.proof.main(["--report", "-o", str(tmp_path)])
     for nonsense in ("strange", "odd/3"):
         with pytest.raises(SystemExit):
             proof.proof.main(["--show", nonsense, "-o", str(tmp_path)])
