@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .effects import CATALOGUE, Candidate, Effect, Place, all_motor_places
+from .effects import CATALOGUE, Candidate, Effect, Place, all_motor_places, rub_places
 from .errors import ManipulatorError, nearest
 from .geometry import Vector
 from .model import CableModel
@@ -69,7 +69,7 @@ def find_place(model: CableModel, effect: Effect, location: Any, where: str = "l
     for place in places:
         if place.location == location:
             return place
-    for place in places:
+    for place in [*places, *(rub_places(model) if effect.name == "cable_friction" else ())]:
         if location in place.aliases:
             return replace(place, location=dict(location))
     if {place.location["kind"] for place in places} >= {"joint"} and any(any(place.A) for place in places):

@@ -32,11 +32,13 @@ from .plant.mjcf import Strands
 from .plant.mujoco_plant import MujocoPlant
 from .plant.pinocchio_plant import PinocchioPlant
 from .plant.sensing import Noise, Positions, Sensors
+from .plant.sideforces import NOT_APPLIED
 from .plant.simulate import Pid, Plant, Run, control_instants, measured, pid_of_bandwidth, simulate
 from .recording import Recording
 from .signals import motion_at_rows
 
 PlantName = Literal["mujoco", "pinocchio"]
+NEEDS_CABLES = ("cable_elasticity", "transmission_ratio_error")  # carried by the mujoco plant alone
 _KEYS = {
     "control": (
         "feedforward", "bandwidth", "damping", "integral", "rate", "gains", "encoder_bits", "derivative_cutoff",
@@ -196,11 +198,12 @@ def _fault(record: Mapping[str, Any]) -> Fault:
 
 def _machine(model: CableModel, plant: PlantName, settings: Settings, faults: list[Fault]) -> Plant:
     elastic, step = "cable_stiffness" in settings.plant, settings.plant.get("step", 5e-4)
+    if elastic and plant != "mujoco":
+        raise InputError("elastic cables run on the mujoco plant", place="plant.cable_stiffness")
+    _check_carried(model, plant, faults)
     if plant == "mujoco":
         strands = Strands(settings.plant.get("cable_stiffness", np.inf), settings.plant.get("cable_damping", 0.0))
         return MujocoPlant(model.manipulator, strands=strands, faults=faults, step=step)
-    if elastic:
-        raise InputError("elastic cables run on the mujoco plant", place="plant.cable_stiffness")
     return PinocchioPlant(
         model.manipulator,
         model.pin_model,
@@ -211,6 +214,20 @@ def _machine(model: CableModel, plant: PlantName, settings: Settings, faults: li
         faults=faults,
         step=step,
     )
+
+
+def _check_carried(model: CableModel, plant: PlantName, faults: list[Fault]) -> None:
+    """Refuse effects that a plant does not have, naming them all."""
+    cannot = set(NOT_APPLIED) | (set(NEEDS_CABLES) if plant == "pinocchio" else set())
+    for k, fault in enumerate(faults):
+        if fault.effect in cannot:
+            other = "; the mujoco plant can" if fault.effect in NEEDS_CABLES else ""
+            raise InputError(
+                f"the {plant} plant cannot carry {fault.effect}{other} (it carries all effects but "
+                f"{', '.join(sorted(cannot))})",
+                source=model.manipulator.source,
+                place=f"effects[{k + 1}]",
+            )
 
 
 def _wanted(model: CableModel, trajectory: Recording) -> tuple[Vector, Vector, Vector, Vector]:
