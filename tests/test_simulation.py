@@ -113,3 +113,24 @@ def test_settings_are_read(files):
     with pytest.raises(InputError, match="true or false"):
         (files / "controller.yaml").write_text("control: {feedforward: 1}")
         load_settings(files / "controller.yaml")
+
+
+@pytest.mark.parametrize(
+    ("plant", "effect", "words"),
+    [
+        ("mujoco", "backlash", "effects[1]: the mujoco plant cannot carry backlash (it carries all effects but"),
+        ("pinocchio", "cable_elasticity", "cannot carry cable_elasticity; the mujoco plant can"),
+    ],
+)
+def test_effects_that_a_plant_lacks_are_named(files, capsys, plant, effect, words):
+    """One line with file and place, nothing written."""
+    fault = {"effect": effect, "location": {"kind": "cable", "index": 2}, "parameters": {"half_gap": 0.01}}
+    if effect == "cable_elasticity":
+        fault["parameters"] = {"stiffness": 150.0, "damping": 0.3}
+    (files / "model.yaml").write_text(yaml.safe_dump(ARM | {"effects": [fault]}))
+    given = ["simulate", str(files / "model.yaml"), str(files / "wanted.csv"), "-o", str(files / "x.csv")]
+    assert main([*given, "--plant", plant]) == 2
+    error = capsys.readouterr().err
+    assert "model.yaml" in error and words in error and error.count("\n") == 1
+    assert not (files / "x.csv").exists()
+    assert main([*given, "--seed", "-1"]) == 2
