@@ -27,7 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="",
         metavar="LIST",
         help="fitted beside the rigid body, by name and optional place, separated by commas: viscous_friction, "
-        "coulomb_friction, torque_offset, rotor_inertia, coulomb_friction:joint2 ...",
+        "coulomb_friction, torque_offset, rotor_inertia, coulomb_friction:joint2, joint_spring:elbow_joint, "
+        "viscous_friction:finger_2_joint-finger_1_joint, torque_ripple:motor5:cycles=1 ...",
     )
     parser.add_argument("--estimator", choices=get_args(Estimator), default="weighted", help="default: weighted")
     parser.add_argument(
