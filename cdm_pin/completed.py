@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .effects import CATALOGUE, Candidate, Effect, Place, all_motor_places, rub_places
+from .effects import CATALOGUE, Candidate, Effect, Place, all_motor_places, loaded, rub_places
 from .errors import ManipulatorError, nearest
 from .geometry import Vector
 from .model import CableModel
@@ -114,7 +114,9 @@ def added_torque(motion: Motion) -> Vector:
         [N m].
     """
     total = np.zeros((motion.n, motion.model.n_motors))
-    for candidate, beta in effect_candidates(motion.model):
+    effects = effect_candidates(motion.model)
+    motion = loaded(motion, effects)
+    for candidate, beta in effects:
         columns = candidate.columns(motion)
         if columns.along is not None:
             series, w = columns.along

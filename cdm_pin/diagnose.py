@@ -99,8 +99,10 @@ def diagnose(
     base = base_parameters(model, columns=massive_columns(model))
     search = _linearised(Search(problem, base, settings), [], 1)
     explanation = explain(search, progress)
-    search, explanation = _settle(search, explanation)
+    search, explanation = _settle(explanation.search, explanation)
     judge = Search(make_problem(search.problem.model, unseen, problem.band), base, settings) if unseen else None
+    if judge is not None:
+        judge = judge.with_loads(explanation.fit)
     if judge is not None:
         explanation = _judged(search, judge, explanation)
     say("sensitivities", 0.95)
@@ -173,7 +175,9 @@ def _settle(search: Search, explanation: Explanation) -> tuple[Search, Explanati
     """Take the columns of what was found about the completed model, and fit again."""
     if not explanation.found:
         return search, explanation
-    search = _linearised(search, [f.candidate for f in explanation.found], 2)
+    candidates = [f.candidate for f in explanation.found]
+    search = _linearised(search, candidates, 2)
+    search = search.with_loads(search.fit(candidates))
     return search, _restricted(search, explanation, explanation.found)
 
 

@@ -105,8 +105,14 @@ class Effect:
     exact : bool
         Whether the columns are exact or to first order in the effect.
     detail : callable, optional
-        Motion, place, shape, scale -> series that no law fixes: how a sign of velocity passes through zero (what encoder
-        steps, filters and standstill make of it), or how the elements of a hysteresis are spread.
+        Motion, place, shape, scale -> series that no law fixes: how a sign of velocity passes through zero (what
+        encoder steps, filters and standstill make of it), or how the elements of a hysteresis are spread.
+    follows : bool
+        Whether the columns depend on the torques that other effects bring.
+    carried : bool
+        Whether the drive carries the effect's torque; what the logger adds it does not.
+    error : float
+        Share of itself that the law may be wrong by; what else is found at the same time has to be larger.
     exact_travel : bool
         Whether the kinematic column is exact where the torque's is not.
     confounded : tuple of str
@@ -126,6 +132,9 @@ class Effect:
     signs: tuple[int, ...] = (0,)
     exact: bool = True
     exact_travel: bool = False
+    follows: bool = False
+    carried: bool = True
+    error: float = 0.03
     detail: Callable[[Motion, Place, Shape, float], list[Vector]] | None = None
     confounded: tuple[str, ...] = ()
     revealed_by: str = ""
@@ -577,7 +586,7 @@ def _rotor(motion: Motion, place: Place, shape: Shape) -> Columns:
 
 
 def _gain(motion: Motion, place: Place, shape: Shape) -> Columns:
-    return _rub(motion, place, motion.tau_m[:, place.index[0]])
+    return _rub(motion, place, motion.logged_torque[:, place.index[0]])
 
 
 def _offset(motion: Motion, place: Place, shape: Shape) -> Columns:
@@ -621,7 +630,7 @@ def _tilt_axes(model: CableModel) -> list[Vector]:
 
 
 def _delay(motion: Motion, place: Place, shape: Shape) -> Columns:
-    late = (delayed(motion.tau_m, motion.rate, shape[0]) - motion.tau_m) / shape[0]
+    late = (delayed(motion.logged_torque, motion.rate, shape[0]) - motion.logged_torque) / shape[0]
     if place.index:
         late = late * np.eye(motion.model.n_motors)[place.index[0]]
     return Columns(late[..., None])
@@ -914,6 +923,7 @@ CATALOGUE: dict[str, Effect] = {
             inverse=lambda p: ([p["limit"]], [p["limit"] / p["stiffness"], p.get("form", 0.0)]),
             reference="Dahl 1968; Maxwell-slip: Lampaert, Swevers, Al-Bender 2002; memory in angle",
             detail=_stops,
+            error=0.1,
         ),
         Effect(
             "friction_drift",
@@ -952,6 +962,8 @@ CATALOGUE: dict[str, Effect] = {
             _stiffness,
             signs=(1, 0),
             exact=False,
+            error=0.06,
+            follows=True,
             confounded=("time_delay", "rotor_inertia"),
             revealed_by="encoders on both sides, or a chirp",
             inverse=_elastic_inverse,
@@ -965,6 +977,8 @@ CATALOGUE: dict[str, Effect] = {
             _named("half_gap"),
             signs=(1,),
             exact=False,
+            error=0.06,
+            follows=True,
             confounded=("hysteresis", "cable_slack", "encoder_offset"),
             revealed_by="small reversals under a bias load, encoders on both sides",
             reference="Nordin, Gutman, Automatica 38(10), 2002",
@@ -979,6 +993,8 @@ CATALOGUE: dict[str, Effect] = {
             _load_bounds,
             (1,),
             exact=False,
+            error=0.06,
+            follows=True,
             confounded=("backlash", "cable_elasticity"),
             revealed_by="torque ramps, pretension steps",
             inverse=lambda p: ([1 / p["stiffness"] if p.get("stiffness") else 0.0], [p["torque"]]),
@@ -992,6 +1008,8 @@ CATALOGUE: dict[str, Effect] = {
             _named("relative_error"),
             exact=False,
             exact_travel=True,
+            error=0.08,
+            follows=True,
             confounded=("torque_gain_error", "cable_elasticity", "pulley_eccentricity"),
             revealed_by="the full range, encoders on both sides",
             reference=_MAP,
@@ -1026,6 +1044,8 @@ CATALOGUE: dict[str, Effect] = {
             signs=(0, 0),
             exact=False,
             exact_travel=True,
+            error=0.08,
+            follows=True,
             confounded=("transmission_ratio_error", "torque_ripple"),
             revealed_by="the full range at two loads",
             inverse=lambda p: (_wave(p, "relative_eccentricity"), []),
@@ -1064,6 +1084,9 @@ CATALOGUE: dict[str, Effect] = {
             _gain,
             lambda beta, shape: {"gain": 1.0 + float(beta[0])},
             exact=False,
+            follows=True,
+            carried=False,
+            error=0.05,
             confounded=("payload", "torque_dependent_friction"),
             revealed_by="a known mass",
             inverse=lambda p: ([p["gain"] - 1.0], []),
@@ -1075,6 +1098,7 @@ CATALOGUE: dict[str, Effect] = {
             all_motor_places,
             _offset,
             _named("offset"),
+            carried=False,
             confounded=("asymmetric_friction", "joint_spring"),
             revealed_by="standstill, approached from both sides",
             reference="Swevers et al., IEEE Trans. Robot. Autom. 13(5), 1997",
@@ -1087,6 +1111,8 @@ CATALOGUE: dict[str, Effect] = {
             _named("offset"),
             exact=False,
             exact_travel=True,
+            carried=False,
+            error=0.08,
             confounded=("base_tilt", "payload"),
             revealed_by="encoders on both sides, or a spirit level",
             reference="kinematic calibration",
@@ -1099,6 +1125,7 @@ CATALOGUE: dict[str, Effect] = {
             _named("angle", "angle_2"),
             signs=(0, 0),
             exact=False,
+            error=0.08,
             confounded=("encoder_offset", "joint_spring"),
             revealed_by="a spirit level",
             reference="gravity turned in the base frame",
@@ -1112,6 +1139,8 @@ CATALOGUE: dict[str, Effect] = {
             lambda m, p: [(0.012,)],
             lambda m, p: [(1e-3, 0.15)],
             (1,),
+            follows=True,
+            carried=False,
             confounded=("viscous_friction", "cable_elasticity"),
             revealed_by="two speeds",
             reference="tau(t - d) = tau + d (tau(t - d) - tau) / d",
@@ -1184,6 +1213,11 @@ class Candidate:
         return replace(self, detail=sign_width(motions, self.place) if self.effect.nuisance_shape else 1.0)
 
     @property
+    def loads(self) -> bool:
+        """Whether its torque is part of other effects' columns (`Effect.follows`)."""
+        return self.effect.carried and not self.effect.follows
+
+    @property
     def named(self) -> bool:
         """Whether it is an effect of the catalogue, not an unnamed correction."""
         return self.effect.name in CATALOGUE
@@ -1192,3 +1226,19 @@ class Candidate:
     def extra(self) -> int:
         """Number of nonlinear parameters that count as physics."""
         return min(len(self.shape), 2 + self.effect.nuisance_shape) - self.effect.nuisance_shape
+
+
+def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motion:
+    """Give the motion with the torques that effects bring, for those other effects that depend on them."""
+    joint, motor = np.zeros_like(motion.q), np.zeros_like(motion.q_m)
+    for candidate, beta in effects:
+        if not candidate.loads:
+            continue
+        columns = candidate.columns(motion)
+        if columns.along is not None:
+            f = beta @ columns.along[0][: len(beta)]
+            joint += f[:, None] * np.array(candidate.place.A or np.zeros(joint.shape[1]))
+            motor += f[:, None] * np.array(candidate.place.B or np.zeros(motor.shape[1]))
+        elif columns.torque is not None:
+            motor += columns.torque[..., : len(beta)] @ beta
+    return replace(motion, extra_joint=joint, extra_motor=motor)

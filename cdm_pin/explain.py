@@ -93,7 +93,7 @@ def explain(search: Search, progress: ProgressCallback | None = None) -> Explana
     accepted: list[Candidate] = []
     for turn in range(3):
         say("searching", 0.1 + 0.25 * turn)
-        grown = _grow(search, bank, accepted, say)
+        search, bank, grown = _grow(search, bank, accepted, say)
         accepted = patch(search, bank, grown) or grown
         if len(grown) < search.settings.at_once and accepted is grown:
             break
@@ -111,8 +111,12 @@ def explained(search: Search, bank: Bank, accepted: list[Candidate]) -> Explanat
     return Explanation(found, fit, rigid, bank, search)
 
 
-def _grow(search: Search, bank: Bank, accepted: list[Candidate], say: Reporter) -> list[Candidate]:
-    """Add effects of the catalogue, one by one, as long as the data ask for any, a few at once."""
+def _grow(search: Search, bank: Bank, accepted: list[Candidate], say: Reporter) -> tuple[Search, Bank, list[Candidate]]:
+    """Add effects of the catalogue, one by one, as long as the data ask for any, a few at once.
+
+    What is in the model already loads the cables and passes through the logger, so the columns that depend on these
+    torques are renewed each time.
+    """
     for _ in range(search.settings.at_once):
         if len(accepted) >= search.settings.most:
             break
@@ -125,8 +129,11 @@ def _grow(search: Search, bank: Bank, accepted: list[Candidate], say: Reporter) 
         winner = _winner(search, clear, leaders)
         if winner is None:
             break
-        accepted = polish(search, bank, [*accepted, winner[0]])
-    return accepted
+        accepted = [*accepted, winner[0]]
+        search = search.with_loads(search.fit(accepted, clear.whitener))
+        bank = search.renewed(bank)
+        accepted = polish(search, bank, accepted)
+    return search, bank, accepted
 
 
 def patch(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candidate] | None:
@@ -195,20 +202,32 @@ def _error_of_laws(search: Search, candidate: Candidate, score: Score, fit: Fit)
     """
     if not fit.effects:
         return 0.0
-    share = search.settings.model_error if candidate.named else search.settings.patch_error
+    share = 1.0 if candidate.named else search.settings.patch_error
     own = score.beta @ fit.rest(search.white(fit.whitener, search.columns(candidate)))
-    return float((np.abs(own) @ search.size_of_laws(fit)) ** 2 / max(own @ own, 1e-300)) * share**2
+    return float((np.abs(own) @ search.errors_of_laws(fit)) ** 2 / max(own @ own, 1e-300)) * share**2
 
 
 def _leaders(
-    search: Search, fit: Fit, bank: Bank, most: int, taken: Sequence[Candidate] = (), named: bool | None = True
+    search: Search,
+    fit: Fit,
+    bank: Bank,
+    most: int,
+    taken: Sequence[Candidate] = (),
+    named: bool | None = True,
+    instead: Sequence[Candidate] = (),
 ):
-    """Best shape of each effect and place, the likeliest first: (candidate, score, weight)."""
+    """Best shape of each effect and place, the likeliest first: (candidate, score, weight).
+
+    Of those that would stand `instead` of effects whose torque they contain, none: it would come back by the back door.
+    """
+    loads = any(c.loads for c in instead)
     best: dict[tuple[str, str], tuple[float, int, Score]] = {}
     for i, (candidate, score) in enumerate(zip(bank.candidates, search.score_all(fit, bank), strict=True)):
         if named is not None and candidate.named != named:
             continue
         if score.visible < search.settings.visible or any(candidate.key == other.key for other in taken):
+            continue
+        if loads and candidate.effect.follows:
             continue
         value = gain(search, fit, candidate, score)
         if np.isfinite(value) and (candidate.key not in best or value > best[candidate.key][0]):
@@ -285,7 +304,8 @@ def polish(search: Search, bank: Bank, accepted: list[Candidate], rounds: int = 
                 continue
             others = [c for i, c in enumerate(accepted) if i != j]
             fit = search.fit(others, search.clear(accepted))
-            leaders = [c for c, _, _ in _leaders(search, fit, bank, 6, others) if c.key != accepted[j].key]
+            rivals = _leaders(search, fit, bank, 6, others, instead=[accepted[j]])
+            leaders = [c for c, _, _ in rivals if c.key != accepted[j].key]
             trial = _winner(search, fit, [accepted[j], *leaders])
             if trial is not None:
                 accepted = [*others[:j], trial[0], *others[j:]]
@@ -307,9 +327,9 @@ def _merge(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candid
             pair = without.deviance - search.fit(accepted, whitener).deviance
             k = sum(search.score(without, c).k + c.extra for c in (accepted[i], accepted[j]))
             both = 0.5 * pair - 0.5 * np.log(without.n_rows) * k
-            single = _winner(search, without, [c for c, _, _ in _leaders(search, without, bank, 4, others)])
-            share = (search.settings.law_error / search.settings.model_error) ** 2
-            slack = 0.5 * share * min(_alone(search, accepted, x, whitener) for x in (i, j))
+            leaders = _leaders(search, without, bank, 4, others, instead=[accepted[i], accepted[j]])
+            single = _winner(search, without, [c for c, _, _ in leaders])
+            slack = 0.02 * min(_alone(search, accepted, x, whitener) for x in (i, j))
             if single is not None and gain(search, without, *single) >= both - slack:
                 return [*others, single[0]]
     return accepted
@@ -355,7 +375,8 @@ def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> F
     score = search.score(without, candidate)
     own = gain(search, without, candidate, score)
     rivals = []
-    for leader, _, _ in _leaders(search, without, bank, 12, [*others, candidate], named=None):
+    rivals_now = _leaders(search, without, bank, 12, [*others, candidate], None, [candidate])
+    for leader, _, _ in rivals_now:
         if candidate.detail:
             leader = leader.detailed(search.problem.motions)
         leader = _same_width(leader, candidate)

@@ -35,6 +35,9 @@ class Motion:
         Of this recording [N].
     index : int
         Which recording it is.
+    extra_joint, extra_motor : ndarray, optional
+        Torques beside the rigid body's, at the joints, shape (n, n_joints), and at the motors, shape (n, n_motors)
+        [N m].
     """
 
     model: CableModel
@@ -50,6 +53,8 @@ class Motion:
     velocity_noise: Vector
     pretension: float | None = None
     index: int = 0
+    extra_joint: Vector | None = None
+    extra_motor: Vector | None = None
 
     @property
     def n(self) -> int:
@@ -87,9 +92,19 @@ class Motion:
         return pulleys.motor_pulley_radius / pulleys.joint_pulley_radius
 
     @cached_property
+    def driven_torque(self) -> Vector:
+        """Torque that the motors' cables carry, E' (tau and what rubs at the joints), shape (n, n_motors) [N m]."""
+        return self.tau_m if self.extra_joint is None else self.tau_m + self.extra_joint @ self.model.joint_from_motor
+
+    @cached_property
+    def logged_torque(self) -> Vector:
+        """Torque of the motors before the logger, shape (n, n_motors) [N m]."""
+        return self.driven_torque if self.extra_motor is None else self.driven_torque + self.extra_motor
+
+    @cached_property
     def cable_torque(self) -> Vector:
         """Torque that cable i puts on link i, shape (n, n_motors) [N m]."""
-        return self.tau_m / self.arm_scale
+        return self.driven_torque / self.arm_scale
 
     def with_model(self, model: CableModel) -> Motion:
         """Give the same motion of a robot with other inertial parameters."""

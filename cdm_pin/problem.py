@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from scipy.signal import firwin, kaiserord, upfirdn
 
-from .effects import Columns
+from .effects import Candidate, Columns, loaded
 from .geometry import Vector
 from .model import CableModel
 from .motion import Motion
@@ -196,6 +196,10 @@ class Problem:
         runs = tuple(replace(run, motion=run.motion.with_model(model)) for run in self.runs)
         return Problem(model, runs, self.band, self.torque, self.kinematic)
 
+    def with_loads(self, effects: Sequence[tuple[Candidate, Vector]]) -> Problem:
+        """Give the same problem with the torques that these effects bring in the motions."""
+        return replace(self, runs=tuple(replace(run, motion=loaded(run.motion, effects)) for run in self.runs))
+
 
 def make_problem(model: CableModel, recordings: Sequence[Recording], band: Band | None = None) -> Problem:
     """Prepare recordings and choose the band in which motion and torque are both known.
@@ -276,7 +280,7 @@ def _parted(travel: Vector, band: Band, signals: Signals, model: CableModel, lim
 
 
 def _sharp(model: CableModel, signals: Signals, q: Vector, share: float = 0.01) -> float:
-    """Widest band [Hz] in which the noise of velocity stays below a share of the velocity, for what turns with its sign."""
+    """Find the widest band [Hz] in which the noise of velocity stays below a share of the velocity."""
     v = np.sqrt(np.mean(differentiate(lowpass(q, signals.rate, 0.05 * signals.rate), signals.rate) ** 2, axis=0))
     noise = np.maximum(noise_floor(q, signals.rate), 1e-9)
     moving = v > 1e-4
@@ -298,6 +302,8 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
         )  # both encoders see one motion: two noisy copies of it would fit the noise
     q, q_m = lowpass(q_raw, rate, sharp), lowpass(q_m_raw, rate, sharp)
     slow, slow_m = lowpass(q_raw, rate, light), lowpass(q_m_raw, rate, light)
+    if kinematic:  # accelerations from two encoders would fit each other's noise
+        slow_m = model.motor_position(slow)
     noise = np.sqrt(np.mean((q_m_raw - q_m) ** 2, axis=0)) * 2 * np.pi * sharp * np.sqrt(2 * sharp / rate / 3)
     motion = Motion(
         model=model,

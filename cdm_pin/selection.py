@@ -32,13 +32,12 @@ class Settings:
         Family-wise probability of naming anything on data where nothing is missing.
     visible : float
         Least share of an effect that the rigid body leaves over for it to be tested.
-    model_error : float
-        Relative error of the laws that are already in the model: a further effect has to be larger than this share of
-        what they explain.
     law_error : float
         Relative accuracy of one law: rivals that differ by less are told apart by simplicity alone.
-    patch_error, patch_law_error : float
-        The same two for corrections that have no name.
+    patch_error : float
+        How many times the errors of the laws in the model a correction without a name has to be.
+    patch_law_error : float
+        Relative accuracy of a law beside corrections without a name.
     same : float
         Canonical correlation above which two effects are one class.
     close : float
@@ -53,9 +52,8 @@ class Settings:
 
     alarm: float = 2e-3
     visible: float = 0.004
-    model_error: float = 0.03
     law_error: float = 0.006
-    patch_error: float = 0.1
+    patch_error: float = 3.3
     patch_law_error: float = 0.05
     same: float = 0.95
     close: float = 3.0
@@ -209,6 +207,35 @@ class Search:
         self._scores: Recent = Recent(8)
         self._sizes: Recent = Recent(8)
         self._rests: Recent = Recent(8)
+
+    def with_loads(self, fit: Fit) -> Search:
+        """Give the same search with the torques that the effects of a fit bring in the motions."""
+        pairs = list(zip(fit.effects, fit.beta, strict=True))
+        search = Search(self.problem.with_loads(pairs), self.base, self.settings)
+        for name in ("nominal", "rigid", "common", "plain", "smooth", "unshared"):
+            if name in self.__dict__:
+                search.__dict__[name] = self.__dict__[name]
+        follows = {name for name, effect in CATALOGUE.items() if effect.follows}
+        search._cache = {key: value for key, value in self._cache.items() if key[0][0] not in follows}
+        return search
+
+    def renewed(self, bank: Bank) -> Bank:
+        """Compute those columns of a bank anew that depend on the torques of other effects."""
+        follows = [i for i, c in enumerate(bank.candidates) if c.effect.follows]
+        new = self.bank([bank.candidates[i] for i in follows])
+        target = np.concatenate([np.arange(bank.slices[i].start, bank.slices[i].stop) for i in follows] or [[]])
+        lines = []
+        for old, fresh in zip(bank.lines, new.lines, strict=True):
+            keep = ~np.isin(old.owner, target)
+            lines.append(
+                Lines(
+                    np.concatenate([old.series[keep], fresh.series]),
+                    np.concatenate([old.weights[keep], fresh.weights]),
+                    np.concatenate([old.owner[keep], target.astype(int)[fresh.owner]]),
+                    old.n_columns,
+                )
+            )
+        return replace(bank, lines=lines) if follows else bank
 
     @cached_property
     def nominal(self) -> list[Vector]:
@@ -405,8 +432,8 @@ class Search:
                 self._clear[key] = self.noise(effects)
         return self._clear[key]
 
-    def size_of_laws(self, fit: Fit) -> Vector:
-        """Add up the magnitudes of what each effect in a fit contributes, as far as it is not exact, whitened.
+    def errors_of_laws(self, fit: Fit) -> Vector:
+        """Add up the magnitudes of the errors that the laws in a fit may have, whitened.
 
         Returns
         -------
@@ -420,7 +447,7 @@ class Search:
                 if candidate.effect.exact_travel and self.problem.torque:
                     for part in parts:
                         part[:, self.problem.model.n_motors :] = 0.0
-                known = known + np.abs(self.white(fit.whitener, parts)[0])
+                known = known + candidate.effect.error * np.abs(self.white(fit.whitener, parts)[0])
             self._sizes.keep(known, fit)
         return known
 
