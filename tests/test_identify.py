@@ -1,6 +1,7 @@
 """Recordings in, parameters out: recovery, honest uncertainty, what cannot be known, files that others read."""
 
 import json
+import sys
 
 import mujoco
 import numpy as np
@@ -68,6 +69,16 @@ def test_stated_90_percent_intervals_cover_85_to_95_percent(phi, friction):
         result = identify(CDM2, [run], effects=FRICTION if friction else ())
         hits.append(np.abs(result.fit.values - truth) < 1.645 * result.std)
     assert 0.85 < np.mean(hits) < 0.95
+
+
+def test_intervals_hold_the_truth_of_arms_that_another_program_simulates():
+    """A part of the study in docs/interval_coverage.md: drifting coloured noise, coarse encoders, friction."""
+    sys.path.insert(0, str(ROOT / "scripts"))
+    import interval_coverage
+
+    case = interval_coverage.CASES[-1]
+    z = np.concatenate([interval_coverage.deviations(seed, case, duration=20.0, n_links=2) for seed in range(5)])
+    assert len(z) > 30 and np.mean(np.abs(z) < interval_coverage.QUANTILE) > 0.75
 
 
 def test_effects_by_name_and_place():

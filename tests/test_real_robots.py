@@ -257,6 +257,14 @@ def test_psm_signal_treatment_alone_beats_the_published_figures(psm_rows):
     assert np.all(treated < PUBLISHED["psm"]) and np.all(treated[:3] < 0.9 * np.array(PUBLISHED["psm"][:3]))
 
 
+def test_psm_is_identified_below_the_published_figures(psm_rows):
+    """`identify` gets the published structure by name and nothing else: below every figure in the band it chooses."""
+    found = psm_rows["one -> two", "`cdm-pin identify`, published structure"]
+    assert np.all(found < PUBLISHED["psm"])
+    published_band = psm_rows["one -> two", "`cdm-pin identify`, published structure, published band"]
+    assert np.all(published_band < 1.1 * np.array(PUBLISHED["psm"]))
+
+
 def test_psm_named_physics_helps_whichever_trajectory_is_fitted(psm_rows):
     """Hysteresis lowers all of motors 1, 2, 5, 6, 7 both ways; the two effects on motor 2 lower motor 2 both ways."""
     for case in ("one -> two", "two -> one"):
