@@ -17,7 +17,7 @@ import numba
 import numpy as np
 
 from .completed import effect_candidates
-from .effects import Candidate, Columns, delayed
+from .effects import Candidate, Columns, delayed, loaded
 from .errors import ShapeError
 from .geometry import Vector
 from .model import CableModel
@@ -204,6 +204,7 @@ def run_windows(model: CableModel, motion: Motion, torque: Vector, starts: np.nd
     """
     if np.shape(torque) != (motion.n, model.n_motors):
         raise ShapeError(f"torque has shape {np.shape(torque)}, ({motion.n}, {model.n_motors}) was expected")
+    motion = loaded(motion, effect_candidates(model))
     laws, held = forward_laws(model, motion)
     drive = _true_torque(model, motion, np.asarray(torque, float), held)
     try:
