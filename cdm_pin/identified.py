@@ -205,6 +205,15 @@ def _visit(result: Identification, visit: Visit) -> dict[str, Any]:
         "duration": visit.duration,
         "rate": visit.rate,
         "cutoff": visit.cutoff,
+        "accelerations": [
+            {"motor": motor, "from": way.source, "cutoff": float(way.cutoff) if np.isfinite(way.cutoff) else None}
+            for motor, way in zip(result.model.motors, visit.accelerations, strict=True)
+        ],
+        "sign_widths": {
+            term.name: shape[0]
+            for term, shape in zip(result.plan.terms, visit.shapes, strict=True)
+            if term in result.terms and CATALOGUE[term.effect].nuisance_shape
+        },
         "left_out": visit.left_out,
         "notices": list(visit.notices),
         "errors": result.errors(visit) or None,
