@@ -25,7 +25,7 @@ from .motion import Motion
 from .stepping import Laws, advance
 
 MOST = 60  # windows that are run
-RATE = 150.0  # steps a second, at least [Hz]
+RATE = 300.0  # steps a second, at least [Hz]
 EXACT = 1e-12  # width of the smooth sign where its level alone is wanted [rad/s]
 KNOWN_IN_TIME = ("torque_offset", "torque_gain_error", "time_delay", "external_torque")  # whatever the state is
 
