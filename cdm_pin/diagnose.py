@@ -111,7 +111,8 @@ def diagnose(
 
 def _judged(search: Search, judge: Search, explanation: Explanation) -> Explanation:
     """Withdraw what does not help on the unseen recordings; what then stands out has no name."""
-    kept = [f for j, f in enumerate(explanation.found) if _helps(search, judge, explanation, j)]
+    explanation = _named_after_all(search, judge, explanation)
+    kept = [f for j, f in enumerate(explanation.found) if _helps(judge, explanation, j)]
     if len(kept) == len(explanation.found):
         return explanation
     candidates = [f.candidate for f in kept]
@@ -119,8 +120,22 @@ def _judged(search: Search, judge: Search, explanation: Explanation) -> Explanat
     if patched is None:
         return _restricted(search, explanation, kept)
     renewed = explained(search, explanation.bank, patched)
-    kept = [f for j, f in enumerate(renewed.found) if not f.candidate.named or _helps(search, judge, renewed, j)]
-    return _restricted(search, renewed, kept)
+    return _restricted(search, renewed, [f for j, f in enumerate(renewed.found) if _helps(judge, renewed, j)])
+
+
+def _named_after_all(search: Search, judge: Search, explanation: Explanation) -> Explanation:
+    """Let a law stand where a correction without a name explains hardly more, and less on the unseen recordings."""
+    for j, found in enumerate(explanation.found):
+        if found.candidate.named or found.candidate.effect.name in ONCE:
+            continue
+        near = [c for c, difference in found.rivals if c.named and difference > -15.0 - 0.02 * found.score.statistic]
+        for rival in near[:2]:
+            others = [f.candidate for i, f in enumerate(explanation.found) if i != j]
+            whitener = explanation.fit.whitener
+            named, unnamed = (search.fit([*others, c], whitener) for c in (rival, found.candidate))
+            if _unseen(judge, named) < _unseen(judge, unnamed):
+                return explained(search, explanation.bank, [*others, rival])
+    return explanation
 
 
 def distinct(recordings: Sequence[Recording]) -> list[Recording]:
@@ -166,7 +181,7 @@ def _linearised(search: Search, effects: Sequence[Candidate], rounds: int) -> Se
     """Move the model to the fitted base parameters, about which first-order columns are taken."""
     for _ in range(rounds):
         fit = search.fit(effects)
-        moved = updated_model(search.problem.model, search.base, fit.base)
+        moved = updated_model(search.problem.model, search.base, fit.base[: len(search.base.columns)])
         search = Search(search.problem.with_model(moved), search.base, search.settings)
     return search
 
@@ -215,18 +230,29 @@ def _weighted(search: Search, errors: Sequence[Vector], level: Vector) -> float:
     return float(np.sum((rms(search, errors) / level) ** 2))
 
 
-def _helps(search: Search, judge: Search, explanation: Explanation, j: int) -> bool:
-    """Whether finding `j` lowers the whitened error on the unseen recordings, and does not raise the plain one."""
-    fit = explanation.fit
+def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
+    """Whether finding `j` lowers the error on the unseen recordings as it should, and does not raise it anywhere.
+
+    In whitened units it should lower it by its statistic, in proportion to the samples; a tenth is asked for.
+    """
+    found, fit = explanation.found[j], explanation.fit
     if fit.effects[j].effect.name in ONCE:
         return True
-    without = search.fit([c for i, c in enumerate(fit.effects) if i != j], fit.whitener)
-    whole = [judge.white(fit.whitener, _stacked(judge, f)) for f in (fit, without)]
-    if float(np.sum(whole[0] ** 2)) >= float(np.sum(whole[1] ** 2)):
+    without = explanation.search.fit([c for i, c in enumerate(fit.effects) if i != j], fit.whitener)
+    whole, rest = _unseen(judge, fit), _unseen(judge, without)
+    share = sum(b - a for run in judge.problem.segments for a, b in run) / max(
+        sum(b - a for run in explanation.search.problem.segments for a, b in run), 1
+    )
+    if rest - whole < max(6.0 * found.candidate.named, 0.1 * share * found.score.statistic):
         return False
     level = np.maximum(noise_floor(judge, fit.effects), 1e-12)
     with_it, without_it = (_weighted(judge, _errors(judge, f.base, f.effects, f.beta), level) for f in (fit, without))
     return with_it < 1.01 * without_it
+
+
+def _unseen(judge: Search, fit: Fit) -> float:
+    """Sum the squares of a fit's error on the unseen recordings, in whitened units."""
+    return float(np.sum(judge.white(fit.whitener, _stacked(judge, fit)) ** 2))
 
 
 def _stacked(judge: Search, fit: Fit) -> list[Vector]:
@@ -265,9 +291,14 @@ def _report(model: CableModel, search: Search, judge: Search | None, explanation
         found = explanation.found[j]
         index = np.r_[betas[j], shapes[j]]
         values = fi.parameters(found.candidate, fit.beta[j], covariance[np.ix_(index, index)])
+        if not fi.is_known(values):
+            continue
         items.append(_finding(search, judge, explanation, j, values))
         records.append(_record(found.candidate, values))
     verdict = "unexplained" if patches else ("missing_physics" if items else "consistent")
+    unexplained = _unexplained(explanation, patches, search) if patches else _beyond_floor(search, explanation)
+    if unexplained is not None:
+        verdict = "unexplained"
     content = {
         "schema": SCHEMA,
         "verdict": verdict,
@@ -277,9 +308,10 @@ def _report(model: CableModel, search: Search, judge: Search | None, explanation
             "train": _fit_content(search, own_rigid, fit, search),
             "holdout": _fit_content(search, own_rigid, fit, judge) if judge is not None else None,
             "simulated_position": None,
+            "unit": "N m" if search.problem.torque else "rad",
         },
         "sensitivity": fi.sensitivities(search, explanation),
-        "unexplained": _unexplained(explanation, patches, search) if patches else None,
+        "unexplained": unexplained,
         "next_experiment": None,
         "data": _data(search.problem),
     }
@@ -357,12 +389,29 @@ def _unexplained(explanation: Explanation, patches: Sequence[Found], search: Sea
     }
 
 
+def _beyond_floor(search: Search, explanation: Explanation, limit: float = 3.0) -> dict[str, Any] | None:
+    """Say where a residual is left that no correction describes either; None where it is near the floor."""
+    rest = rms(search, _errors(search, explanation.fit.base, explanation.fit.effects, explanation.fit.beta))
+    ratio = rest / np.maximum(noise_floor(search, explanation.fit.effects), 1e-12)
+    worst = int(np.argmax(ratio))
+    if not search.problem.segments or ratio[worst] < limit:
+        return None
+    motor = worst % search.problem.model.n_motors + 1
+    return {
+        "location": {"kind": "motor", "index": motor},
+        "time": None,
+        "region": f"the error of motor {motor} is {ratio[worst]:.1f} times its noise, in no shape that was tried",
+        "rms": float(rest[worst]),
+        "nearest": [],
+    }
+
+
 def changed_parameters(model: CableModel, search: Search, explanation: Explanation) -> list[dict[str, Any]]:
     """List the base parameters that differ from the file: by more than 4 standard errors and 1 % of themselves."""
     base, fit = search.base, explanation.fit
-    nominal = base.values(model.standard_parameters)
-    value = base.values(search.problem.model.standard_parameters) + fit.base
     p = len(base.columns)
+    nominal = base.values(model.standard_parameters)
+    value = base.values(search.problem.model.standard_parameters) + fit.base[:p]
     std = np.sqrt(np.diag(fit.covariance)[:p])
     alternatives = fi.absorbed(search, explanation) + _payloads(search)
     out = []
@@ -401,7 +450,7 @@ def completed_manipulator(
 ) -> Manipulator:
     """Give the manipulator with physically valid links that reproduce the base parameters, and with effects."""
     base = search.base
-    values = base.values(search.problem.model.standard_parameters) + fit.base
+    values = base.values(search.problem.model.standard_parameters) + fit.base[: len(base.columns)]
     std = np.sqrt(np.diag(covariance)[: len(values)])
     records = tuple(
         {"name": name, "value": float(value), "std": float(s)}

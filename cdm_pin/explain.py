@@ -362,7 +362,7 @@ def prune(search: Search, accepted: list[Candidate]) -> list[Candidate]:
 
 def _backwards(search: Search, fit: Fit, j: int) -> bool:
     """Whether the leading coefficient of effect `j` cannot be negative but is, by more than three standard errors."""
-    start = len(search.base.columns) + sum(len(beta) for beta in fit.beta[:j])
+    start = search.n_rigid + sum(len(beta) for beta in fit.beta[:j])
     std = np.sqrt(max(fit.covariance[start, start], 0.0))
     return bool(fit.effects[j].effect.signs[:1] == (1,) and fit.beta[j][0] < -3 * std)
 

@@ -61,7 +61,7 @@ def joint_covariance(search: Search, fit: Fit) -> tuple[Vector, list[slice], lis
     scale[scale == 0] = np.inf
     information = (W / scale[:, None]) @ (W / scale[:, None]).T
     covariance = np.linalg.pinv(information, rcond=1e-9, hermitian=True) / scale[:, None] / scale
-    start, betas, shapes = len(search.base.columns), [], []
+    start, betas, shapes = search.n_rigid, [], []
     for slope, b in zip(slopes, fit.beta, strict=True):
         betas.append(slice(start, start + len(b)))
         shapes.append(slice(start + len(b), start + len(b) + len(slope)))
@@ -105,6 +105,18 @@ def parameters(candidate: Candidate, beta: Vector, covariance: Vector) -> dict[s
         std = float(np.sqrt(max(g @ covariance @ g, 0.0)))
         out[name] = {"value": float(value), "std": std, "unit": units.get(name, "1")}
     return out
+
+
+SHAPES = ("phase", "cycles", "form", "ratio", "stribeck_velocity", "time_constant", "rest", "start", "end")
+"""Parameters that say what an effect looks like, not how large it is."""
+
+
+def is_known(values: dict[str, dict[str, Any]], least: float = 2.0) -> bool:
+    """Whether any parameter that says how large an effect is differs from zero (a gain from one)."""
+    sizes = [
+        abs(v["value"] - (name == "gain")) / max(v["std"], 1e-300) for name, v in values.items() if name not in SHAPES
+    ]
+    return max(sizes, default=0.0) > least
 
 
 def canonical_correlation(search: Search, without: Fit, a: Candidate, b: Candidate) -> float:
@@ -214,12 +226,13 @@ def _amplitude(candidate: Candidate, beta: float) -> float | None:
 
 
 def _absorbing(search: Search, fit: Fit, columns: Sequence[Vector], names: Sequence[Any]) -> list[str]:
-    W = search.white(fit.whitener, [np.concatenate([r, c]) for r, c in zip(search.rigid, columns, strict=True)])
+    p = len(names)
+    W = search.white(fit.whitener, [np.concatenate([r[:p], c]) for r, c in zip(search.rigid, columns, strict=True)])
     A, b = W[:-1].T, W[-1]
     scale = np.linalg.norm(A, axis=0)
     scale[scale == 0] = 1.0
     share = np.abs(np.linalg.lstsq(A / scale, b, rcond=1e-8)[0]) / (np.linalg.norm(b) or 1.0)
-    return [names[i] for i in np.argsort(-share)[:2] if share[i] > 0.2]
+    return [names[i] for i in np.argsort(-share)[:3] if share[i] > 0.1]
 
 
 def refit_gain(found: Found) -> float:
@@ -231,10 +244,12 @@ def absorbed(search: Search, explanation: Explanation, least: float = 0.02) -> l
     """List the effects that the rigid body takes up (almost) whole, with the base parameters that take them up."""
     out, seen = [], set()
     for candidate, score in zip(explanation.bank.candidates, explanation.scores, strict=True):
-        if not candidate.named or candidate.key in seen or not 0.0 < score.visible < least:
+        if not candidate.named or candidate.key in seen or score.visible >= least:
             continue
         seen.add(candidate.key)
         columns = [c[:1] for c in search.columns(candidate)]
+        if not any(c.any() for c in columns):
+            continue
         names = _absorbing(search, explanation.fit, columns, search.base.names)
         out.append({"effect": candidate.effect.name, "location": location(candidate), "parameters": names})
     return out

@@ -170,6 +170,18 @@ class Problem:
             banks.append(self.band.reduce(bank))
         return banks
 
+    @property
+    def payloads(self) -> list[Vector]:
+        """Per run the standard parameters of the stated payload, taken to sit at the tip of the last link."""
+        links, out = self.model.manipulator.links, []
+        for run in self.runs:
+            mass, change = run.signals.recording.payload or 0.0, np.zeros(10 * self.model.n_joints)
+            if mass and links:
+                tip = links[-1].length
+                change[-10:] = mass * np.array([1.0, tip, 0.0, 0.0, 0.0, 0.0, tip**2, 0.0, 0.0, tip**2])
+            out.append(change)
+        return out
+
     def reduce(self, columns: Callable[[Motion], Columns]) -> list[Lines]:
         """Compute columns on every run and bring them into the band."""
         return [self._reduce(columns(run.motion), run.motion.n) for run in self.runs]

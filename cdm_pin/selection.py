@@ -242,14 +242,26 @@ class Search:
         """Data less the torque of the nominal model."""
         pi = self.problem.model.standard_parameters
         return [
-            d[0] - np.tensordot(pi, Y, 1) - r[0]
-            for d, Y, r in zip(self.problem.data, self.problem.rigid, self.problem.rotors, strict=True)
+            d[0] - np.tensordot(pi + payload, Y, 1) - r[0]
+            for d, Y, r, payload in zip(
+                self.problem.data, self.problem.rigid, self.problem.rotors, self.problem.payloads, strict=True
+            )
         ]
 
     @cached_property
     def rigid(self) -> list[Vector]:
-        """Base columns of the regressor, per run."""
-        return [Y[self.base.columns] for Y in self.problem.rigid]
+        """Base columns of the regressor, per run; where payloads differ, those of the last link for the payload too."""
+        problem = self.problem
+        own = [Y[self.base.columns] for Y in problem.rigid]
+        masses = np.array([run.signals.recording.payload or 0.0 for run in problem.runs])
+        if np.ptp(masses) == 0.0:
+            return own
+        return [np.concatenate([Y, mass * full[-10:]]) for Y, mass, full in zip(own, masses, problem.rigid, strict=True)]
+
+    @property
+    def n_rigid(self) -> int:
+        """Number of columns of the rigid body and its payload."""
+        return len(self.rigid[0])
 
     def columns(self, candidate: Candidate) -> list[Vector]:
         """Columns of a candidate in the band, per run; kept for the next time."""
@@ -405,7 +417,7 @@ class Search:
         scale = np.linalg.norm(A, axis=1)
         A = A[scale > 0] / scale[scale > 0, None]
         values, vectors = np.linalg.eigh(A @ A.T)
-        keep = values > 1e-9 * values[-1]
+        keep = values > 1e-9 * np.max(values, initial=0.0)
         Q = (vectors[:, keep] / np.sqrt(values[keep])).T @ A
         rest = (b - Q.T @ (Q @ b)) * level
         residuals, basis, first = [], [], 0
