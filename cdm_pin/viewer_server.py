@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import signal
 import socket
 import struct
@@ -207,6 +208,7 @@ async def serve(
 def main() -> None:
     """Run as ``python -m cdm_pin.viewer_server FD HOST`` under `cdm_pin.viewer`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.nice(5)  # the computation comes first
     listener = socket.socket(fileno=int(sys.argv[1]))
     listener.setblocking(False)
     show = read_message(sys.stdin.buffer)
