@@ -16,6 +16,7 @@ from .effects import Candidate
 from .explain import Explanation, Found, explain, explained, patch
 from .geometry import Manipulator, Vector, frozen_array
 from .model import CableModel
+from .next_experiment import Experiment, plan_next
 from .problem import Problem, make_problem
 from .recording import Recording
 from .replay import Replay, simulated_position
@@ -45,6 +46,8 @@ class Diagnosis:
         The training and the unseen recordings.
     replays : tuple of Replay
         Recorded motion beside that of the rigid and of the completed model.
+    experiment : Experiment or None
+        What to record next where rivals are left.
     """
 
     content: dict[str, Any]
@@ -54,6 +57,7 @@ class Diagnosis:
     search: Search | None = None
     holdout: Search | None = None
     replays: tuple[Replay, ...] = ()
+    experiment: Experiment | None = None
 
 
 def diagnose(
@@ -315,10 +319,30 @@ def _report(model: CableModel, search: Search, judge: Search | None, explanation
         "next_experiment": None,
         "data": _data(search.problem),
     }
+    experiment = plan_next(search, explanation, _unresolved(explanation, items))
+    if experiment is not None:
+        content["next_experiment"] = {
+            "file": "next.csv",
+            "change": experiment.change,
+            "power": experiment.power,
+            "separates": [{"effect": c.effect.name, "location": fi.location(c)} for c in experiment.rivals],
+        }
     completed = completed_manipulator(model, search, fit, tuple(records), covariance)
     replays = replay_runs(search, judge, own_rigid, fit, completed)
     content["fit"]["simulated_position"] = simulated_position(replays)
-    return Diagnosis(content, search.problem.model, completed, explanation, search, judge, replays)
+    return Diagnosis(content, search.problem.model, completed, explanation, search, judge, replays, experiment)
+
+
+def _unresolved(explanation: Explanation, items: Sequence[dict[str, Any]]) -> list[tuple[int, Candidate]]:
+    """List findings, by their number, with the rivals that were listed beside them and are other effects."""
+    out = []
+    for item in items:
+        for j, found in enumerate(explanation.found):
+            if (found.candidate.effect.name, fi.location(found.candidate)) != (item["effect"], item["location"]):
+                continue
+            listed = [(e["effect"], e["location"]) for e in item["indistinguishable_from"]]
+            out += [(j, c) for c, _ in found.rivals if (c.effect.name, fi.location(c)) in listed][:2]
+    return out[:2]
 
 
 def _data(problem: Problem) -> dict[str, Any]:

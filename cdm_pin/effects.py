@@ -948,7 +948,7 @@ CATALOGUE: dict[str, Effect] = {
             _spring,
             _spring_physical,
             lambda m, p: [(0.0,), (1.0,)],
-            signs=(0, 0),
+            signs=(1, 0),
             confounded=("base_tilt", "encoder_offset"),
             revealed_by="slow strokes both ways over the whole range",
             inverse=_spring_inverse,

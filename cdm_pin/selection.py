@@ -256,7 +256,8 @@ class Search:
         masses = np.array([run.signals.recording.payload or 0.0 for run in problem.runs])
         if np.ptp(masses) == 0.0:
             return own
-        return [np.concatenate([Y, mass * full[-10:]]) for Y, mass, full in zip(own, masses, problem.rigid, strict=True)]
+        held = [mass * full[-10:] for mass, full in zip(masses, problem.rigid, strict=True)]
+        return [np.concatenate(parts) for parts in zip(own, held, strict=True)]
 
     @property
     def n_rigid(self) -> int:

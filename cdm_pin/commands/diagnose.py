@@ -12,13 +12,14 @@ from ..console import emit, plain, table
 from ..files import whole_folder
 from ..manipulator import save_manipulator
 from ..model import load_model
-from ..recording import load_recording
+from ..recording import Recording, load_recording, save_recording
 from ..wording import quantity, sentence
 
 if TYPE_CHECKING:
     from ..diagnose import Diagnosis
 
 GHOSTS = "ghosts.html"
+NEXT = "next.csv"
 WINDOWS = 20  # that the ghosts play
 
 
@@ -51,6 +52,9 @@ def run(args: argparse.Namespace) -> int:
         with whole_folder(args.output) as folder:
             (folder / "diagnosis.json").write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n")
             save_manipulator(result.manipulator, folder / "model.yaml", Path(args.output))
+            if result.experiment is not None:
+                planned = result.experiment
+                save_recording(Recording(planned.motion.time, planned.channels), folder / NEXT)
             evidence = gather(result)
             if result.replays:
                 _write_ghosts(folder / GHOSTS, result)
@@ -82,8 +86,9 @@ def _shown(content: dict[str, Any], output: str) -> list[Any]:
     ]
     header = ["effect", "where", "size", "delta BIC", "cannot be told from"]
     shown = [table("Findings", header, rows)] if rows else []
-    ghosts = f", {GHOSTS}" if content["fit"]["simulated_position"] else ""
-    return [sentence(content), *shown, f"Written: {output}/diagnosis.json, report.html{ghosts}, model.yaml"]
+    files = ["diagnosis.json", "report.html", *([GHOSTS] if content["fit"]["simulated_position"] else []), "model.yaml"]
+    files += [NEXT] if content["next_experiment"] else []
+    return [sentence(content), *shown, f"Written: {output}/{', '.join(files)}"]
 
 
 def _place(location: dict) -> str:
