@@ -300,7 +300,11 @@ def _report(model: CableModel, search: Search, judge: Search | None, explanation
         items.append(_finding(search, judge, explanation, j, values))
         records.append(_record(found.candidate, values))
     verdict = "unexplained" if patches else ("missing_physics" if items else "consistent")
-    unexplained = _unexplained(explanation, patches, search) if patches else _beyond_floor(search, explanation)
+    unexplained = (
+        _unexplained(explanation, patches, search)
+        if patches
+        else _beyond_floor(search, explanation, 3.0 if items else 2.0)
+    )
     if unexplained is not None:
         verdict = "unexplained"
     content = {
@@ -413,7 +417,7 @@ def _unexplained(explanation: Explanation, patches: Sequence[Found], search: Sea
     }
 
 
-def _beyond_floor(search: Search, explanation: Explanation, limit: float = 3.0) -> dict[str, Any] | None:
+def _beyond_floor(search: Search, explanation: Explanation, limit: float) -> dict[str, Any] | None:
     """Say where a residual is left that no correction describes either; None where it is near the floor."""
     rest = rms(search, _errors(search, explanation.fit.base, explanation.fit.effects, explanation.fit.beta))
     ratio = rest / np.maximum(noise_floor(search, explanation.fit.effects), 1e-12)

@@ -147,7 +147,7 @@ def patch(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candida
     clear = search.fit(accepted, search.clear(accepted))
     for f in (fit, clear):
         for candidate, score, weight in _leaders(search, f, bank, 3, accepted, named=False):
-            heard = f is fit or _is_loud(score)
+            heard = f is fit or (_is_loud(score) and _is_seconded(search, fit, candidate, score, weight))
             if heard and gain(search, f, candidate, score) > 0 and _passes(search, candidate, score, weight, f):
                 rest = [c for c in accepted if not _meets(c, candidate)]
                 kept = _worth(search, clear, accepted, rest, candidate)
@@ -159,9 +159,14 @@ def patch(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candida
         statistic = without.deviance - clear.deviance
         k = sum(len(search.columns(c)[0]) + c.extra for c in accepted if _meets(c, place))
         old = 0.5 * statistic - 0.5 * np.log(clear.n_rows) * k
-        for candidate, score, _ in _leaders(search, without, bank, 2, rest, named=False):
+        for candidate, score, weight in _leaders(search, without, bank, 2, rest, named=False):
             margin = 0.5 * s.patch_law_error**2 * statistic * (1 if taken < 3 else -1)
-            if _is_loud(score) and gain(search, without, candidate, score) > old + margin:
+            if (
+                _is_loud(score)
+                and _passes(search, candidate, score, weight, without)
+                and gain(search, without, candidate, score) > old + margin
+                and _is_seconded(search, search.fit(rest, fit.whitener), candidate, score, weight)
+            ):
                 return [*rest, candidate]
     return None
 
@@ -248,6 +253,13 @@ def _shouted(search: Search, clear: Fit, bank: Bank, taken: Sequence[Candidate])
     """
     loud = [x for x in _leaders(search, clear, bank, 10, taken) if _is_loud(x[1])]
     return any(_passes(search, *leader, clear) for leader in loud)
+
+
+def _is_seconded(search: Search, fit: Fit, candidate: Candidate, score: Score, weight: float) -> bool:
+    """Whether a correction that is loud in the clear noise is significant with care too, unless it drowns all."""
+    if score.statistic > 5000.0:
+        return True
+    return family_wise(search.score(fit, candidate), candidate, weight) < np.log(search.settings.alarm)
 
 
 def _is_loud(score: Score) -> bool:
@@ -364,7 +376,8 @@ def _backwards(search: Search, fit: Fit, j: int) -> bool:
     """Whether the leading coefficient of effect `j` cannot be negative but is, by more than three standard errors."""
     start = search.n_rigid + sum(len(beta) for beta in fit.beta[:j])
     std = np.sqrt(max(fit.covariance[start, start], 0.0))
-    return bool(fit.effects[j].effect.signs[:1] == (1,) and fit.beta[j][0] < -3 * std)
+    signs = fit.effects[j].effect.signs
+    return bool(signs[:1] == (1,) and not any(signs[1:]) and fit.beta[j][0] < -3 * std)
 
 
 def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> Found:

@@ -99,7 +99,8 @@ class Motion:
     @cached_property
     def logged_torque(self) -> Vector:
         """Torque of the motors before the logger, shape (n, n_motors) [N m]."""
-        return self.driven_torque if self.extra_motor is None else self.driven_torque + self.extra_motor
+        torque = self.driven_torque + self.a_m * self.model.rotor_inertia
+        return torque if self.extra_motor is None else torque + self.extra_motor
 
     @cached_property
     def cable_torque(self) -> Vector:

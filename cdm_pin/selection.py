@@ -562,8 +562,9 @@ def _level(data: Sequence[Vector], segments: Sequence[Any], channel: int) -> flo
 
 
 def _minor_signs(candidate: Candidate, k: int) -> list[int]:
-    """Signs of the coefficients after the first; the first one's decides whether there is an effect at all."""
-    return [0, *candidate.effect.signs[1:k], *[0] * k][:k]
+    """Signs of those coefficients that may be zero; where only the first has one, it decides on the effect itself."""
+    signs = candidate.effect.signs
+    return [*(signs if any(signs[1:]) else [0, *signs[1:]]), *[0] * k][:k]
 
 
 def _inside(bank: Vector, run: Segments) -> Vector:
@@ -635,7 +636,7 @@ def _without(
     gram: Vector, c: Vector, full: Vector, left: Vector, signs: Sequence[int], i: int, nothing: Score
 ) -> Score:
     """Score again with the coefficient of the wrong sign at its bound, zero (active set)."""
-    if len(c) == 1 or i == 0:
+    if len(c) == 1 or (i == 0 and not any(signs[1:])):
         return nothing
     rest = [j for j in range(len(c)) if j != i]
     signs = [signs[j] for j in rest if j < len(signs)]
