@@ -295,7 +295,7 @@ def _report(model: CableModel, search: Search, judge: Search | None, explanation
         found = explanation.found[j]
         index = np.r_[betas[j], shapes[j]]
         values = fi.parameters(found.candidate, fit.beta[j], covariance[np.ix_(index, index)])
-        if not fi.is_known(values):
+        if not fi.is_known(values) or found.gain < 5.0:
             continue
         items.append(_finding(search, judge, explanation, j, values))
         records.append(_record(found.candidate, values))
@@ -303,7 +303,7 @@ def _report(model: CableModel, search: Search, judge: Search | None, explanation
     unexplained = (
         _unexplained(explanation, patches, search)
         if patches
-        else _beyond_floor(search, explanation, 3.0 if items else 2.0)
+        else _beyond_floor(search, judge, explanation, 3.0 if items else 2.0)
     )
     if unexplained is not None:
         verdict = "unexplained"
@@ -417,10 +417,16 @@ def _unexplained(explanation: Explanation, patches: Sequence[Found], search: Sea
     }
 
 
-def _beyond_floor(search: Search, explanation: Explanation, limit: float) -> dict[str, Any] | None:
+def _beyond_floor(
+    search: Search, judge: Search | None, explanation: Explanation, limit: float
+) -> dict[str, Any] | None:
     """Say where a residual is left that no correction describes either; None where it is near the floor."""
-    rest = rms(search, _errors(search, explanation.fit.base, explanation.fit.effects, explanation.fit.beta))
-    ratio = rest / np.maximum(noise_floor(search, explanation.fit.effects), 1e-12)
+    fit = explanation.fit
+    ratios = []
+    for there in [search, judge] if judge is not None else [search]:
+        rest = rms(there, _errors(there, fit.base, fit.effects, fit.beta))
+        ratios.append(rest / np.maximum(noise_floor(there, fit.effects), 1e-12))
+    rest, ratio = rms(search, _errors(search, fit.base, fit.effects, fit.beta)), np.min(ratios, axis=0)
     worst = int(np.argmax(ratio))
     if not search.problem.segments or ratio[worst] < limit:
         return None

@@ -228,6 +228,21 @@ def rub_places(model: CableModel) -> list[Place]:
     return axis_places(model) + guide_places(model)
 
 
+def pair_places(model: CableModel) -> list[Place]:
+    """Every two motors whose parts may rub on each other, at a ratio of speeds that the shape tells."""
+    nj, nm = model.n_joints, model.n_motors
+    return [
+        Place(
+            {"kind": "combination", "index": i + 1, "other": k + 1},
+            (0.0,) * nj,
+            tuple(np.eye(nm)[i] + np.eye(nm)[k]),
+            (i, k),
+        )
+        for k in range(nm)
+        for i in range(k)
+    ]
+
+
 def base_places(model: CableModel) -> list[Place]:
     """Give the base alone."""
     return [Place({"kind": "base"})]
@@ -337,6 +352,7 @@ def _transition(motion: Motion, place: Place, shape: Shape, scale: float) -> lis
 
 
 def _stops(motion: Motion, place: Place, shape: Shape, scale: float) -> list[Vector]:
+    place = _paired(place, shape)
     x = _position(motion, place)
     return [maxwell(x, f * scale * shape[0], 1.0) for f in (0.3, 0.8, 2.0, 5.0)]
 
@@ -440,9 +456,31 @@ def maxwell(x: Vector, distance: float, spread: float) -> Vector:
 
 
 def _hysteresis(motion: Motion, place: Place, shape: Shape) -> Columns:
+    place = _paired(place, shape)
     x = _position(motion, place)
     z = dahl(x, shape[0]) if shape[1] < 0.5 else maxwell(x, shape[0], 1.0 + 4.0 * (shape[1] - 0.5))
     return _rub(motion, place, z)
+
+
+def _paired(place: Place, shape: Shape) -> Place:
+    """Give the coordinate of two motors at the ratio of speeds that the shape tells; another place as it is."""
+    if place.location.get("kind") != "combination" or "weights" in place.location:
+        return place
+    ratio = shape[2]
+    weights = ratio * (np.arange(len(place.B)) == place.index[0]) + (np.arange(len(place.B)) == place.index[1])
+    return replace(place, location={"kind": "combination", "weights": weights.tolist()}, B=tuple(weights))
+
+
+def _hysteresis_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
+    r = reach(motions, place)
+    if place.location["kind"] == "combination" and "weights" not in place.location:
+        return [(f * r, 0.0, ratio) for f in (0.02, 0.1) for ratio in (-0.9, -0.45, 0.45, 0.9)]
+    return [(f * r, form) for f in (0.01, 0.03, 0.1, 0.3) for form in (0.0, 0.75)]
+
+
+def _hysteresis_bounds(motions: Sequence[Motion], place: Place) -> list[tuple[float, float]]:
+    r = reach(motions, place)
+    return [(0.003 * r, 1.0 * r), (0.0, 1.0), (-1.2, 1.2)]
 
 
 def _drift(motion: Motion, place: Place, shape: Shape) -> Columns:
@@ -912,11 +950,11 @@ CATALOGUE: dict[str, Effect] = {
         Effect(
             "hysteresis",
             (Parameter("stiffness", "N m/rad", 0.0), Parameter("limit", _NM, 0.0), Parameter("form", "1")),
-            rub_places,
+            lambda model: rub_places(model) + pair_places(model),
             _hysteresis,
             _hysteresis_physical,
-            _grid(lambda m, p: reach(m, p) * np.array([0.01, 0.03, 0.1, 0.3]), lambda m, p: (0.0, 0.75)),
-            lambda m, p: [(0.003 * reach(m, p), 1.0 * reach(m, p)), (0.0, 1.0)],
+            _hysteresis_grid,
+            _hysteresis_bounds,
             (1,),
             confounded=("coulomb_friction", "backlash", "stribeck_friction"),
             revealed_by="small nested reversals",
@@ -1034,6 +1072,7 @@ CATALOGUE: dict[str, Effect] = {
             reference=_MAP,
             nuisance_shape=1,
             detail=_transition,
+            error=0.06,
         ),
         Effect(
             "pulley_eccentricity",
@@ -1213,6 +1252,12 @@ class Candidate:
         return replace(self, detail=sign_width(motions, self.place) if self.effect.nuisance_shape else 1.0)
 
     @property
+    def location(self) -> dict[str, Any]:
+        """Where it sits, in the words of the diagnosis format."""
+        found = _paired(self.place, self.shape)
+        return dict(found.location)
+
+    @property
     def loads(self) -> bool:
         """Whether its torque is part of other effects' columns (`Effect.follows`)."""
         return self.effect.carried and not self.effect.follows
@@ -1237,8 +1282,11 @@ def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motio
         columns = candidate.columns(motion)
         if columns.along is not None:
             f = beta @ columns.along[0][: len(beta)]
-            joint += f[:, None] * np.array(candidate.place.A or np.zeros(joint.shape[1]))
-            motor += f[:, None] * np.array(candidate.place.B or np.zeros(motor.shape[1]))
+            if any(candidate.place.A):
+                joint += f[:, None] * np.array(candidate.place.A)
+                motor += f[:, None] * np.array(candidate.place.B)
+            else:
+                motor += f[:, None] * columns.along[1]
         elif columns.torque is not None:
             motor += columns.torque[..., : len(beta)] @ beta
     return replace(motion, extra_joint=joint, extra_motor=motor)

@@ -54,7 +54,7 @@ class Reporter:
 
 def entry(candidate: Candidate) -> dict[str, Any]:
     """Give effect and location of a candidate as the diagnosis format has them; what has no name is its location."""
-    location = dict(candidate.place.location)
+    location = candidate.location
     return {"effect": candidate.effect.name, "location": location} if candidate.named else location
 
 

@@ -257,7 +257,7 @@ def _shouted(search: Search, clear: Fit, bank: Bank, taken: Sequence[Candidate])
 
 def _is_seconded(search: Search, fit: Fit, candidate: Candidate, score: Score, weight: float) -> bool:
     """Whether a correction that is loud in the clear noise is significant with care too, unless it drowns all."""
-    if score.statistic > 5000.0:
+    if score.statistic > 2000.0:
         return True
     return family_wise(search.score(fit, candidate), candidate, weight) < np.log(search.settings.alarm)
 

@@ -21,7 +21,7 @@ Location = dict[str, Any]
 
 def location(candidate: Candidate) -> Location:
     """Give the location of a candidate in the words of the diagnosis format."""
-    return dict(candidate.place.location)
+    return candidate.location
 
 
 def shape_slopes(search: Search, candidate: Candidate, beta: Vector) -> list[list[Vector]]:
@@ -153,11 +153,11 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
         if not rival.named or _size(search, rival) > _size(search, found.candidate):
             continue  # a refinement that the data do not ask for is no rival
         if difference > -max(settings.close, slack):
-            add(rival.effect.name, rival.place.location)
+            add(rival.effect.name, rival.location)
         elif difference > -0.1 * found.gain - 30 and (
             canonical_correlation(search, without, found.candidate, rival) > settings.same
         ):
-            add(rival.effect.name, rival.place.location)
+            add(rival.effect.name, rival.location)
     effect = found.candidate.effect
     kinds = {place.location["kind"] for place in effect.places(search.problem.model)}
     for alias in found.candidate.place.aliases:

@@ -42,7 +42,7 @@ def _simulated(replay: Replay, most: int = 5) -> SimulatedMotion:
 
 
 def _listed(diagnosis: Diagnosis, explanation: Explanation) -> list[Found | None]:
-    by_key = {(f.candidate.effect.name, str(f.candidate.place.location)): f for f in explanation.found}
+    by_key = {(f.candidate.effect.name, str(f.candidate.location)): f for f in explanation.found}
     keys = [(item["effect"], str(item["location"])) for item in diagnosis.content["findings"]]
     return [by_key.get(key) for key in keys]
 
@@ -107,7 +107,7 @@ def _rivals(found: Found) -> tuple[Rival, ...]:
     return tuple(
         Rival(
             rival.effect.name,
-            rival.place.location,
+            rival.location,
             2 * (found.gain + difference),
             "as good" if difference > -3 else "explains less",
         )

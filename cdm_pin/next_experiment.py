@@ -157,4 +157,4 @@ def _derivative(x: Vector, rate: float, order: int) -> Vector:
 
 def _smooth(x: Vector, rate: float) -> Vector:
     kernel = np.hanning(max(int(rate), 3))
-    return np.convolve(x, kernel / kernel.sum(), mode="same")
+    return np.asarray(np.convolve(x, kernel / kernel.sum(), mode="same"), float)
