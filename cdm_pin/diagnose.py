@@ -104,8 +104,9 @@ def diagnose(
     search = _linearised(Search(problem, base, settings), [], 1)
     explanation = explain(search, progress)
     search, explanation = _settle(explanation.search, explanation)
-    judge = Search(make_problem(search.problem.model, unseen, problem.band), base, settings) if unseen else None
-    if judge is not None:
+    judge = None
+    if unseen:
+        judge = Search(make_problem(search.problem.model, unseen, problem.band), base, settings, search.held)
         judge = judge.with_loads(explanation.fit)
     if judge is not None:
         explanation = _judged(search, judge, explanation)
@@ -185,8 +186,8 @@ def _linearised(search: Search, effects: Sequence[Candidate], rounds: int) -> Se
     """Move the model to the fitted base parameters, about which first-order columns are taken."""
     for _ in range(rounds):
         fit = search.fit(effects)
-        moved = updated_model(search.problem.model, search.base, fit.base[: len(search.base.columns)])
-        search = Search(search.problem.with_model(moved), search.base, search.settings)
+        moved = updated_model(search.problem.model, search.base, fit.base)
+        search = Search(search.problem.with_model(moved), search.base, search.settings, search.held)
     return search
 
 

@@ -96,7 +96,8 @@ def separation(
     problem = search.problem
     signals = SimpleNamespace(valid=np.ones(motion.n, bool), recording=SimpleNamespace(payload=None))
     run = Run(cast(Any, signals), motion, np.zeros((problem.n_channels, motion.n)))
-    there = Search(replace(problem, runs=(problem.runs[0], run)), search.base, search.settings)  # old and new together
+    both = replace(problem, runs=(problem.runs[0], run))  # what is there and what would come, together
+    there = Search(both, search.base, search.settings, search.held)
     fit = explanation.fit
     whitener = replace(fit.whitener, scale=np.ones(2))
     worst, pair = np.inf, (rivals[0][1], rivals[0][1])

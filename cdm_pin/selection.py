@@ -194,10 +194,13 @@ class Search:
     problem : Problem
     base : BaseParameters
     settings : Settings
+    held : bool, optional
+        Whether the stated payloads have columns of their own; if not given, where they differ.
     """
 
-    def __init__(self, problem: Problem, base: BaseParameters, settings: Settings):
+    def __init__(self, problem: Problem, base: BaseParameters, settings: Settings, held: bool | None = None):
         self.problem, self.base, self.settings = problem, base, settings
+        self.held = len({run.signals.recording.payload or 0.0 for run in problem.runs}) > 1 if held is None else held
         self._cache: dict[Any, list[Vector]] = {}
         self._clear: dict[Any, Whitener] = {}
         self._noise: dict[Any, Whitener] = {}
@@ -211,7 +214,7 @@ class Search:
     def with_loads(self, fit: Fit) -> Search:
         """Give the same search with the torques that the effects of a fit bring in the motions."""
         pairs = list(zip(fit.effects, fit.beta, strict=True))
-        search = Search(self.problem.with_loads(pairs), self.base, self.settings)
+        search = Search(self.problem.with_loads(pairs), self.base, self.settings, self.held)
         for name in ("nominal", "rigid", "common", "plain", "smooth", "unshared"):
             if name in self.__dict__:
                 search.__dict__[name] = self.__dict__[name]
@@ -250,11 +253,11 @@ class Search:
 
     @cached_property
     def rigid(self) -> list[Vector]:
-        """Base columns of the regressor, per run; where payloads differ, those of the last link for the payload too."""
+        """Base columns of the regressor, per run, then those of the payload that the last link holds."""
         problem = self.problem
         own = [Y[self.base.columns] for Y in problem.rigid]
         masses = np.array([run.signals.recording.payload or 0.0 for run in problem.runs])
-        if np.ptp(masses) == 0.0:
+        if not self.held:
             return own
         held = [mass * full[-10:] for mass, full in zip(masses, problem.rigid, strict=True)]
         return [np.concatenate(parts) for parts in zip(own, held, strict=True)]
@@ -383,12 +386,12 @@ class Search:
         if not self.problem.torque:
             return [np.zeros((0, *rigid.shape[1:])) for rigid in self.rigid]
         out = []
+        there = np.any([rigid.any(axis=2) for rigid in self.rigid], axis=0)
         for rigid in self.rigid:
             parts = []
             for i in range(m):
-                own = np.zeros_like(rigid)
-                own[:, i] = rigid[:, i]
-                own = own[own.any(axis=(1, 2))]
+                own = np.zeros_like(rigid[there[:, i]])
+                own[:, i] = rigid[there[:, i], i]
                 parts += [own, np.gradient(own, axis=2)] if m < 5 else [own]
             out.append(np.concatenate(parts))
         return out
@@ -730,10 +733,13 @@ def _exact_tone(x: Vector, rate: float, frequency: float, reach: float) -> float
 
 
 def updated_model(model: CableModel, base: BaseParameters, change: Vector) -> CableModel:
-    """Give the model whose base parameters differ by `change` from those of `model`, the rest as near as can be."""
+    """Give the model whose base parameters differ by `change` from those of `model`, the rest as near as can be.
+
+    What stands behind them in a fit, a payload's, is left out.
+    """
     heavy = massive_columns(model)
     step = np.zeros(base.matrix.shape[1])
-    step[heavy] = np.linalg.pinv(base.matrix[:, heavy]) @ change
+    step[heavy] = np.linalg.pinv(base.matrix[:, heavy]) @ change[: len(base.columns)]
     return model.with_standard_parameters(model.standard_parameters + step)
 
 

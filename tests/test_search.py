@@ -1,0 +1,160 @@
+"""The search's parts: spectra free of what a fit takes, motors that rub, travel alone, what to record next."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cdm_pin.diagnose import diagnose
+from cdm_pin.dynamics import inverse_dynamics
+from cdm_pin.effects import CATALOGUE, Candidate, pair_places
+from cdm_pin.model import load_model
+from cdm_pin.next_experiment import plan_next
+from cdm_pin.plant.draw import draw
+from cdm_pin.recording import load_recording
+from cdm_pin.signals_filters import differentiate, lowpass
+from cdm_pin.spectra import spectrum, stands_out, whitener_of
+from cdm_pin.whitening import Lines, Whitener
+
+CAPSTAN = {"n_links": 2, "positions": "joint", "bits": 17, "noise": "white", "motion": "prescribed", "duration": 30.0}
+
+
+def loaded_trial(folder, seed, **options):
+    trial = draw(seed, **options)
+    files = trial.write(folder)
+    model = load_model(files["manipulator"])
+    runs, unseen = ([load_recording(path, model) for path in files[k]] for k in ("recordings", "holdout"))
+    return model, runs, unseen, trial.truth
+
+
+def test_a_spectrum_is_not_lowered_by_what_a_fit_takes():
+    """White noise under a fit of 60 slow columns: the spectrum stays flat, the residual's own power does not."""
+    rng = np.random.default_rng(0)
+    n = 2000
+    t = np.linspace(0, 1, n)
+    slow = np.linalg.qr(np.stack([np.cos(np.pi * k * t) for k in range(60)], axis=1))[0].T
+    e = 0.3 * rng.normal(size=n)
+    rest = e - slow.T @ (slow @ e)
+    found = spectrum([rest[None]], [slow[:, None]], [[(0, n)]])
+    assert found.power[0, 0] == pytest.approx(0.09, rel=0.5)
+    assert found.rms == pytest.approx([0.3], rel=0.05)
+    plain = spectrum([rest[None]], [np.zeros((0, 1, n))], [[(0, n)]])
+    assert plain.power[0, 0] < 0.6 * found.power[0, 0]
+
+
+def test_what_stands_out_of_the_noise_is_seen_and_noise_is_not():
+    rng = np.random.default_rng(1)
+    n, nothing = 3000, [np.zeros((0, 1, 3000))]
+    e = rng.normal(size=(1, n))
+    slow = e + np.sin(np.arange(n) / 40)
+    noise = spectrum([e], nothing, [[(0, n)]])
+    assert stands_out(spectrum([slow], nothing, [[(0, n)]]), noise)
+    assert not stands_out(spectrum([rng.normal(size=(1, n))], nothing, [[(0, n)]]), noise)
+
+
+def test_a_whitener_of_a_spectrum_whitens():
+    """AR(1) noise of two channels that share a part: white, of unit variance and uncorrelated afterwards."""
+    rng = np.random.default_rng(2)
+    n = 6000
+    w = np.linalg.cholesky([[1.0, 0.6], [0.6, 1.0]]) @ rng.normal(size=(2, n))
+    e = np.zeros_like(w)
+    for k in range(1, n):
+        e[:, k] = 0.8 * e[:, k - 1] + w[:, k]
+    segments = [[(0, n)]]
+    noise = spectrum([e], [np.zeros((0, 2, n))], segments)
+    whitener = whitener_of(noise, [e], segments, 24, [slice(0, 2)])
+    white = whitener(e[None], segments[0])[0].reshape(2, -1)
+    assert np.allclose(white @ white.T / white.shape[1], np.eye(2), atol=0.08)
+    assert abs(np.mean(white[:, 1:] * white[:, :-1])) < 0.05
+
+
+def test_lines_whiten_as_their_columns_do():
+    """Series with weights give the same rows as the columns that they add up to."""
+    rng = np.random.default_rng(3)
+    bank = rng.normal(size=(4, 3, 200))
+    bank[1, 0] = 0.0
+    lines = Lines.of(bank)
+    assert np.allclose(lines.dense(), bank)
+    joined = Lines.join([lines, Lines(rng.normal(size=(1, 200)), np.array([[0.0, 2.0, -1.0]]), np.array([0]), 1)])
+    mix = np.tril(rng.normal(size=(3, 3)))
+    whitener = Whitener(rng.normal(size=(3, 5)) * 0.1, mix, np.ones(1))
+    segments = [(0, 90), (100, 200)]
+    assert np.allclose(whitener.lines(joined, segments), whitener(joined.dense(), segments))
+
+
+def test_hysteresis_between_two_motors_parts_is_found_with_its_ratio(tmp_path):
+    """Parts of motors 1 and 2 rub at a ratio of speeds that is no joint's and no cable's."""
+    for seed in range(40):
+        trial = draw(seed, effects=["hysteresis"], **(CAPSTAN | {"positions": "motor"}))
+        truth = trial.truth["effects"][0]
+        if truth["location"]["kind"] == "combination":
+            break
+    model, runs, unseen, _ = loaded_trial(tmp_path, seed, effects=["hysteresis"], **(CAPSTAN | {"positions": "motor"}))
+    (finding,) = diagnose(model, runs, unseen).content["findings"]
+    assert finding["effect"] == "hysteresis"
+    found, true = (np.array(x["location"]["weights"]) for x in (finding, truth))
+    assert np.allclose(found / np.abs(found).max(), true / np.abs(true).max(), atol=0.03) or np.allclose(
+        -found / np.abs(found).max(), true / np.abs(true).max(), atol=0.03
+    )
+
+
+def test_two_positions_without_torque_make_a_kinematic_diagnosis(tmp_path):
+    """The ratio error is found in travel alone, to four digits, and the errors are angles."""
+    model, runs, unseen, truth = loaded_trial(
+        tmp_path, 1, effects=["transmission_ratio_error"], positions="both", duration=30.0, n_links=2
+    )
+    runs, unseen = (
+        [replace(r, channels={k: v for k, v in r.channels.items() if "torque" not in k}) for r in group]
+        for group in (runs, unseen)
+    )
+    content = diagnose(model, runs, unseen).content
+    (finding,) = content["findings"]
+    assert finding["effect"] == "transmission_ratio_error"
+    value = finding["parameters"]["relative_error"]["value"]
+    assert value == pytest.approx(truth["effects"][0]["parameters"]["relative_error"], rel=0.01)
+    assert content["fit"]["unit"] == "rad"
+
+
+def test_a_stated_payload_is_no_discovery(tmp_path):
+    """Recordings with and without a stated payload of half a link's mass: nothing is missing."""
+    model, runs, unseen, _ = loaded_trial(tmp_path, 5, effects=0, n_recordings=2, **CAPSTAN)
+    mass = 0.5 * model.manipulator.links[-1].mass
+    heavy = np.zeros(10 * model.n_joints)
+    reach = 0.7 * model.manipulator.links[-1].length
+    heavy[-10:] = mass * np.array([1.0, reach, 0, 0, 0, 0, reach**2, 0, 0, reach**2])
+    loaded = model.with_standard_parameters(model.standard_parameters + heavy)
+    t, raw = runs[1].time, runs[1].channels["joint_position"]
+    rate = 1 / np.median(np.diff(t))
+    smooth = lowpass(raw, rate, 8.0)
+    v = differentiate(smooth, rate)
+    a = differentiate(v, rate)
+    added = (inverse_dynamics(loaded, smooth, v, a) - inverse_dynamics(model, smooth, v, a)) @ model.joint_from_motor
+    with_load = runs[1].channels | {"motor_torque": runs[1].channels["motor_torque"] + added}
+    carried = replace(runs[1], channels=with_load, payload=float(mass))
+    told = diagnose(model, [replace(runs[0], payload=0.0), carried], unseen).content
+    assert told["verdict"] == "consistent"
+    untold = diagnose(model, [runs[0], replace(carried, payload=None)], unseen).content
+    assert untold["fit"]["train"]["rmse_augmented"] > told["fit"]["train"]["rmse_augmented"]
+
+
+def test_the_next_experiment_changes_the_pretension_where_that_tells_rivals_apart(tmp_path):
+    """Dry friction at one pretension: capstan friction stands beside it, and half as much again tells them apart."""
+    model, runs, unseen, _ = loaded_trial(tmp_path, 7, effects=["coulomb_friction"], **CAPSTAN)
+    result = diagnose(model, runs, unseen)
+    explanation, search = result.explanation, result.search
+    own = explanation.found[0].candidate
+    weights = own.place.weights(model)
+    places = CATALOGUE["capstan_friction"].places(model)
+    place = max(places, key=lambda p: abs(p.weights(model) @ weights) / np.linalg.norm(p.weights(model)))
+    rival = Candidate(CATALOGUE["capstan_friction"], place, own.shape[:1])
+    plan = plan_next(search, explanation, [(0, rival)], draws=3, duration=15.0)
+    assert plan is not None
+    assert "pretension" in plan.change
+    assert plan.power > 0.9
+    assert np.allclose(plan.motion.v[[0, -1]], 0.0, atol=1e-3)
+
+
+def test_pairs_of_motors_are_named_once():
+    model = load_model("urdf/planar3.yaml")
+    places = [tuple(p.index) for p in pair_places(model)]
+    assert len(set(places)) == len(places) == model.n_motors * (model.n_motors - 1) // 2
