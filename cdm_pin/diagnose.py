@@ -296,7 +296,7 @@ def _report(model: CableModel, search: Search, judge: Search | None, explanation
         found = explanation.found[j]
         index = np.r_[betas[j], shapes[j]]
         values = fi.parameters(found.candidate, fit.beta[j], covariance[np.ix_(index, index)])
-        if not fi.is_known(values) or found.gain < 5.0:
+        if not (fi.is_known(values) and fi.is_admissible(found.candidate.effect, values)) or found.gain < 5.0:
             continue
         items.append(_finding(search, judge, explanation, j, values))
         records.append(_record(found.candidate, values))

@@ -244,8 +244,8 @@ def pair_places(model: CableModel) -> list[Place]:
 
 
 def base_places(model: CableModel) -> list[Place]:
-    """Give the base alone."""
-    return [Place({"kind": "base"})]
+    """Give the base alone, where there is gravity."""
+    return [Place({"kind": "base"})] if np.linalg.norm(model.chain.gravity) > 0 else []
 
 
 def cable_places(model: CableModel) -> list[Place]:
@@ -468,7 +468,21 @@ def _paired(place: Place, shape: Shape) -> Place:
         return place
     ratio = shape[2]
     weights = ratio * (np.arange(len(place.B)) == place.index[0]) + (np.arange(len(place.B)) == place.index[1])
-    return replace(place, location={"kind": "combination", "weights": weights.tolist()}, B=tuple(weights))
+    location = {"kind": "combination", "weights": [round(float(w), 4) for w in weights]}
+    return replace(place, location=location, B=tuple(weights))
+
+
+def at_known_place(candidate: Candidate, model: CableModel, alike: float = 0.9995) -> Candidate:
+    """Give two motors' coordinate the name of a joint, a motor or a cable where it is the same within 3 %."""
+    if candidate.place.location.get("kind") != "combination" or len(candidate.shape) < 3:
+        return candidate
+    w = np.array(_paired(candidate.place, candidate.shape).B)
+    for place in rub_places(model):
+        own = place.weights(model)
+        if abs(own @ w) > alike * np.linalg.norm(own) * np.linalg.norm(w):
+            distance = candidate.shape[0] * float(np.linalg.norm(own) / np.linalg.norm(w))
+            return replace(candidate, place=place, shape=(distance, candidate.shape[1]))
+    return candidate
 
 
 def _hysteresis_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
@@ -955,7 +969,7 @@ CATALOGUE: dict[str, Effect] = {
             _hysteresis_physical,
             _hysteresis_grid,
             _hysteresis_bounds,
-            (1,),
+            (1, 1, 1, 1, 1),
             confounded=("coulomb_friction", "backlash", "stribeck_friction"),
             revealed_by="small nested reversals",
             inverse=lambda p: ([p["limit"]], [p["limit"] / p["stiffness"], p.get("form", 0.0)]),
@@ -1270,7 +1284,8 @@ class Candidate:
     @property
     def extra(self) -> int:
         """Number of nonlinear parameters that count as physics."""
-        return min(len(self.shape), 2 + self.effect.nuisance_shape) - self.effect.nuisance_shape
+        counted = min(len(self.shape), 2 + self.effect.nuisance_shape) - self.effect.nuisance_shape
+        return counted + (self.place.location.get("kind") == "combination")
 
 
 def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motion:
@@ -1282,7 +1297,7 @@ def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motio
         columns = candidate.columns(motion)
         if columns.along is not None:
             f = beta @ columns.along[0][: len(beta)]
-            if any(candidate.place.A):
+            if candidate.place.A and any(candidate.place.A):
                 joint += f[:, None] * np.array(candidate.place.A)
                 motor += f[:, None] * np.array(candidate.place.B)
             else:

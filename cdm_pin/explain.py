@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .effects import Candidate
+from .effects import Candidate, at_known_place
 from .events import Reporter
 from .selection import Bank, Fit, ProgressCallback, Score, Search, all_candidates, family_wise, tones
 from .whitening import Whitener
@@ -292,7 +292,9 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
     error = search.settings.law_error if top[0].named else search.settings.patch_law_error
     slack = 0.5 * error**2 * top[1].statistic
     near = [item for item in pool if gain(search, fit, *item) >= gain(search, fit, *top) - slack]
-    return min(near, key=lambda item: (item[1].k + item[0].extra, -_rough(gain(search, fit, *item))))
+    best = min(near, key=lambda item: (item[1].k + item[0].extra, -_rough(gain(search, fit, *item))))
+    known = at_known_place(best[0], search.problem.model)
+    return best if known is best[0] else (known, search.score(fit, known))
 
 
 def _rough(x: float) -> float:

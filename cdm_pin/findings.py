@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from .effects import CATALOGUE, Candidate
+from .effects import CATALOGUE, Candidate, Effect
 from .explain import Explanation, Found
 from .geometry import Vector
 from .selection import Fit, Score, Search
@@ -117,6 +117,17 @@ def is_known(values: dict[str, dict[str, Any]], least: float = 2.0) -> bool:
         abs(v["value"] - (name == "gain")) / max(v["std"], 1e-300) for name, v in values.items() if name not in SHAPES
     ]
     return max(sizes, default=0.0) > least
+
+
+def is_admissible(effect: Effect, values: dict[str, dict[str, Any]]) -> bool:
+    """Whether no parameter lies outside its physical range by more than three standard errors, and none is infinite."""
+    for parameter in effect.parameters:
+        if parameter.name not in values:
+            continue
+        value, std = values[parameter.name]["value"], values[parameter.name]["std"]
+        if not np.isfinite(value) or value < parameter.lower - 3 * std or value > parameter.upper + 3 * std:
+            return False
+    return True
 
 
 def canonical_correlation(search: Search, without: Fit, a: Candidate, b: Candidate) -> float:
