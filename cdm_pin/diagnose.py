@@ -115,17 +115,21 @@ def diagnose(
 
 
 def _judged(search: Search, judge: Search, explanation: Explanation) -> Explanation:
-    """Withdraw what does not help on the unseen recordings; what then stands out has no name."""
-    explanation = _named_after_all(search, judge, explanation)
-    kept = [f for j, f in enumerate(explanation.found) if _helps(judge, explanation, j)]
-    if len(kept) == len(explanation.found):
-        return explanation
-    candidates = [f.candidate for f in kept]
-    patched = patch(search, explanation.bank, candidates)
-    if patched is None:
-        return _restricted(search, explanation, kept)
-    renewed = explained(search, explanation.bank, patched)
-    return _restricted(search, renewed, [f for j, f in enumerate(renewed.found) if _helps(judge, renewed, j)])
+    """Withdraw what does not help on the unseen recordings; what then stands out has no name.
+
+    What is left is judged again each time, for it may have helped only against what was withdrawn.
+    """
+    for turn in range(5):
+        explanation = _named_after_all(search, judge, explanation)
+        kept = [f for j, f in enumerate(explanation.found) if _helps(judge, explanation, j)]
+        if len(kept) == len(explanation.found):
+            break
+        patched = None if turn else patch(search, explanation.bank, [f.candidate for f in kept])
+        if patched is None:
+            explanation = _restricted(search, explanation, kept)
+        else:
+            explanation = explained(search, explanation.bank, patched)
+    return explanation
 
 
 def _named_after_all(search: Search, judge: Search, explanation: Explanation) -> Explanation:

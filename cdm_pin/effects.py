@@ -1303,5 +1303,6 @@ def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motio
             else:
                 motor += f[:, None] * columns.along[1]
         elif columns.torque is not None:
-            motor += columns.torque[..., : len(beta)] @ beta
+            k = min(len(beta), columns.torque.shape[2])
+            motor += columns.torque[..., :k] @ beta[:k]
     return replace(motion, extra_joint=joint, extra_motor=motor)

@@ -185,7 +185,7 @@ PATCHES: dict[str, Effect] = {
             axis_places,
             _own_position,
             _function(_own_position, 14),
-            "depends on the position of {place}",
+            "a torque that depends on the position of {place}",
         ),
         (
             "unnamed_rub",
@@ -194,7 +194,13 @@ PATCHES: dict[str, Effect] = {
             _function(_own_position, 14, _sign),
             "friction that depends on the position of {place}",
         ),
-        ("unnamed_velocity", axis_places, _own_speed, _function(_own_speed, 13), "depends on the speed of {place}"),
+        (
+            "unnamed_velocity",
+            axis_places,
+            _own_speed,
+            _function(_own_speed, 13),
+            "a torque that depends on the speed of {place}",
+        ),
         (
             "unnamed_cross_position",
             _pairs,
@@ -214,7 +220,7 @@ PATCHES: dict[str, Effect] = {
             _between,
             _difference,
             _function(_difference, 9),
-            "acts between {place} and another joint",
+            "a torque between {place} and another joint",
         ),
         (
             "unnamed_brake",
@@ -225,7 +231,7 @@ PATCHES: dict[str, Effect] = {
         ),
         ("unnamed_time", axis_places, _time, _function(_time, 16), "torque on {place} that wanders with time"),
         ("unnamed_wear", axis_places, _time, _function(_time, 10, _sign), "friction of {place} that changes with time"),
-        ("unnamed_load", all_motor_places, _load, _function(_load, 14), "depends on the load of {place}"),
+        ("unnamed_load", all_motor_places, _load, _function(_load, 14), "a torque that depends on the load of {place}"),
         (
             "unnamed_gain_drift",
             all_motor_places,

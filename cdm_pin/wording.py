@@ -120,8 +120,11 @@ def _consistent(diagnosis: Content) -> list[str]:
 def _unexplained(diagnosis: Content) -> list[str]:
     rest = diagnosis.get("unexplained") or {}
     where = place(rest.get("location") or {"kind": "system"})
-    size = f", {number(rest['rms'])} N m rms" if rest.get("rms") else ""
-    region = f" {rest['region']}" if rest.get("region") else ""
+    unit = (diagnosis.get("fit") or {}).get("unit", "N m")
+    size = f", {number(rest['rms'])} {unit} rms" if rest.get("rms") else ""
+    region = str(rest.get("region") or "")
+    said = region.split(" ", 1)[0] in ("", "around", "at", "between", "in", "near", "while", "above", "below")
+    region = f"{'' if said else ':'} {region}".rstrip()
     parts = [f"something that none of the known effects explains happens on {where}{region}{_when(rest)}{size}"]
     if rest.get("nearest"):
         parts.append(f"nearest to it, but not it: {_either([candidate(near) for near in rest['nearest']])}")

@@ -77,6 +77,8 @@ def test_unexplained_says_where_and_names_no_known_effect(found):
     assert sentence(found) == (
         "Something that none of the known effects explains happens on joint 1 around 0.2 rad, 0.1 N m rms."
     )
+    found["unexplained"]["region"] = "a torque that depends on the speed of joint 1"
+    assert "happens on joint 1: a torque that depends on the speed of joint 1, 0.1 N m rms" in sentence(found)
 
 
 def test_insufficient_data_asks_for_a_recording(found):
