@@ -1,0 +1,154 @@
+"""What `cdm-pin diagnose` says of recordings of real robots, word by word, written to docs/real_diagnoses.md.
+
+Usage: scripts/real_diagnoses.py [-o docs/real_diagnoses.md]
+
+The recordings are where CDM_PIN_DATA says or scripts/get_data.py puts them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from cdm_pin.console import output
+from cdm_pin.diagnose import diagnose
+from cdm_pin.files import write_text
+from cdm_pin.model import load_model
+from cdm_pin.recording import load_recording
+from cdm_pin.wording import candidate, quantity, sentence
+
+ROOT = Path(__file__).resolve().parent.parent
+REAL = ROOT / "urdf" / "real"
+
+
+@dataclass(frozen=True)
+class Case:
+    """A robot and its recordings: the layout is that of the file in urdf/real/recordings, for each of the files."""
+
+    title: str
+    robot: str
+    layout: str
+    runs: tuple[str, ...]
+    unseen: tuple[str, ...] = ()
+    known: str = ""
+
+
+CASES = (
+    Case(
+        "da Vinci patient-side manipulator, trained on `one`, judged on `two`",
+        "psm",
+        "dvrk_psm_wpi",
+        ("one_results.csv.gz",),
+        ("two_results.csv.gz",),
+        "Published: springs at roll and at the wrist's cables, friction between the fingers, rotor inertia.",
+    ),
+    Case(
+        "da Vinci patient-side manipulator, first three joints",
+        "psm3",
+        "dvrk_psm_3dof_gondokaryono",
+        ("psm1_fourier_test2_results.csv.gz", "psm1_fourier_test3_results.csv.gz"),
+        ("psm1_fourier_test4_results.csv.gz",),
+        "Friction of the insertion axis was measured at constant speeds.",
+    ),
+    Case(
+        "da Vinci master manipulator",
+        "mtm",
+        "dvrk_mtm_wpi",
+        ("one_results.csv.gz",),
+        (),
+        "Published: a wrist spring and the torque of an electrical cable.",
+    ),
+    Case("Barrett WAM", "wam", "wam_2dof_noohian", ("state_4_gravity_4.csv.gz",), (), "One short run."),
+    Case(
+        "Franka Panda (control)",
+        "panda",
+        "franka_panda_gaz",
+        ("trajectory_1.csv.gz",),
+        (),
+        "No cables: only friction of gears is to be expected.",
+    ),
+)
+
+
+def data_folder() -> Path:
+    """Find the recordings."""
+    for place in (os.environ.get("CDM_PIN_DATA"), ROOT / "data", ROOT.parent / "shared" / "data"):
+        if place and Path(place).is_dir():
+            return Path(place)
+    sys.exit("the recordings are not here: run scripts/get_data.py, or set CDM_PIN_DATA")
+
+
+def recording(case: Case, name: str, model: Any, folder: Path):
+    """Read one file by the case's layout."""
+    content = yaml.safe_load((REAL / "recordings" / f"{case.layout}.yaml").read_text(encoding="utf-8"))
+    content["file"] = str(data_folder() / case.layout / name)
+    path = folder / f"{name}.yaml"
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    return load_recording(path, model)
+
+
+def chapter(case: Case) -> str:
+    """Diagnose one robot and put it into words."""
+    model = load_model(REAL / f"{case.robot}.yaml")
+    with tempfile.TemporaryDirectory() as folder:
+        runs, unseen = ([recording(case, n, model, Path(folder)) for n in names] for names in (case.runs, case.unseen))
+        content = diagnose(model, runs, unseen).content
+    lines = [f"## {case.title}", "", case.known, "", f"> {sentence(content)}", ""]
+    if content.get("reason"):
+        return "\n".join([*lines, f"It declines: {content['reason']}.", ""])
+    lines += _errors(content)
+    for item in content["findings"]:
+        sizes = ", ".join(f"{name} {quantity(value)}" for name, value in item["parameters"].items())
+        rivals = "; ".join(candidate(other) for other in item["indistinguishable_from"])
+        beside = f" Not told from: {rivals}." if rivals else ""
+        unsure = " Unconfirmed." if item.get("unconfirmed") else ""
+        lines.append(f"- {candidate(item)}: {sizes}; BIC {item['evidence']['delta_bic']:.0f}.{beside}{unsure}")
+    if content["unexplained"]:
+        nearest = "; ".join(candidate(other) for other in content["unexplained"]["nearest"]) or "nothing"
+        lines.append(f"- Not named: {content['unexplained']['region']}. Nearest, but not it: {nearest}.")
+    return "\n".join([*lines, ""])
+
+
+def _errors(content: dict[str, Any]) -> list[str]:
+    where = "holdout" if content["fit"]["holdout"] else "train"
+    fit, unit = content["fit"][where], content["fit"]["unit"]
+    rows = [("rigid body", "rmse_rigid"), ("completed", "rmse_augmented"), ("noise floor", "noise_floor")]
+    width = len(fit["rmse_rigid"])
+    head = f"| {'unseen' if where == 'holdout' else 'training'} [{unit}] | " + " | ".join(
+        f"m{i + 1}" for i in range(width)
+    )
+    body = [f"| {name} | " + " | ".join(f"{x:.3g}" for x in fit[key]) + " |" for name, key in rows]
+    band = content["data"]["band"][1]
+    return [f"{head} |", "|---|" + "---|" * width, *body, "", f"Band up to {band:.2g} Hz.", ""]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write the document."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--output", default=str(ROOT / "docs" / "real_diagnoses.md"))
+    args = parser.parse_args(arguments)
+    parts = [
+        "# What `cdm-pin diagnose` says of real robots",
+        "",
+        "Written by `scripts/real_diagnoses.py`: nothing was told to the command but the robot's file (bodies and",
+        "published structure, no friction) and the recordings. Each heading: what is known of the robot, then what",
+        "the command says, and the errors in the band it chose.",
+        "",
+    ]
+    for case in CASES:
+        output().print(case.title)
+        parts.append(chapter(case))
+    write_text(Path(args.output), "\n".join(parts))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
