@@ -21,7 +21,7 @@ from .problem import Problem, make_problem
 from .recording import Recording
 from .replay import Replay, simulated_position
 from .replay_runs import replay_runs
-from .selection import Fit, ProgressCallback, Search, Settings, updated_model
+from .selection import Fit, ProgressCallback, Search, Settings, errors, rms, updated_model
 
 ONCE = ("external_torque", "unnamed_time", "unnamed_wear", "unnamed_gain_drift", "unnamed_tone")
 """What happens at a time of its own: another recording cannot judge it."""
@@ -217,24 +217,6 @@ def _restricted(search: Search, explanation: Explanation, found: Sequence[Found]
     return Explanation(tuple(renewed), fit, rigid, explanation.bank, search)
 
 
-def _errors(search: Search, base: Vector, effects: Sequence[Candidate], beta: Sequence[Vector]) -> list[Vector]:
-    """Subtract what a fitted model predicts from the data, in the band, per run (n_channels, n_reduced)."""
-    own = [search.columns(c) for c in effects]
-    out = []
-    for r, (rigid, nominal) in enumerate(zip(search.rigid, search.nominal, strict=True)):
-        e = nominal - np.tensordot(base, rigid, 1)
-        for columns, b in zip(own, beta, strict=True):
-            e = e - np.tensordot(b, columns[r], 1)
-        out.append(e)
-    return out
-
-
-def rms(search: Search, errors: Sequence[Vector]) -> Vector:
-    """Root mean square per channel over the samples that are judged."""
-    parts = [e[:, a:b] for e, run in zip(errors, search.problem.segments, strict=True) for a, b in run]
-    return np.sqrt(np.mean(np.concatenate(parts, axis=1) ** 2, axis=1)) if parts else np.array([])
-
-
 def _weighted(search: Search, errors: Sequence[Vector], level: Vector) -> float:
     return float(np.sum((rms(search, errors) / level) ** 2))
 
@@ -255,7 +237,7 @@ def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
     if rest - whole < max(6.0 * found.candidate.named, 0.1 * share * found.score.statistic):
         return False
     level = np.maximum(noise_floor(judge, fit.effects), 1e-12)
-    with_it, without_it = (_weighted(judge, _errors(judge, f.base, f.effects, f.beta), level) for f in (fit, without))
+    with_it, without_it = (_weighted(judge, errors(judge, f.base, f.effects, f.beta), level) for f in (fit, without))
     return with_it < 1.01 * without_it
 
 
@@ -265,7 +247,7 @@ def _unseen(judge: Search, fit: Fit) -> float:
 
 
 def _stacked(judge: Search, fit: Fit) -> list[Vector]:
-    return [e[None] for e in _errors(judge, fit.base, fit.effects, fit.beta)]
+    return [e[None] for e in errors(judge, fit.base, fit.effects, fit.beta)]
 
 
 def noise_floor(search: Search, effects: Sequence[Candidate] = ()) -> Vector:
@@ -280,8 +262,8 @@ def noise_floor(search: Search, effects: Sequence[Candidate] = ()) -> Vector:
 def _fit_content(search: Search, rigid: Fit, fit: Fit, judged: Search) -> dict[str, Any]:
     m = search.problem.model.n_motors
     return {
-        "rmse_rigid": rms(judged, _errors(judged, rigid.base, (), ()))[:m].tolist(),
-        "rmse_augmented": rms(judged, _errors(judged, fit.base, fit.effects, fit.beta))[:m].tolist(),
+        "rmse_rigid": rms(judged, errors(judged, rigid.base, (), ()))[:m].tolist(),
+        "rmse_augmented": rms(judged, errors(judged, fit.base, fit.effects, fit.beta))[:m].tolist(),
         "noise_floor": noise_floor(judged, fit.effects)[:m].tolist(),
     }
 
@@ -374,8 +356,8 @@ def _finding(
     reduction = None
     if judge is not None:
         without = search.fit([c for i, c in enumerate(fit.effects) if i != j], fit.whitener)
-        level = np.maximum(rms(judge, _errors(judge, fit.base, fit.effects, fit.beta)), 1e-12)
-        after, before = (_weighted(judge, _errors(judge, f.base, f.effects, f.beta), level) for f in (fit, without))
+        level = np.maximum(rms(judge, errors(judge, fit.base, fit.effects, fit.beta)), 1e-12)
+        after, before = (_weighted(judge, errors(judge, f.base, f.effects, f.beta), level) for f in (fit, without))
         reduction = 1 - float(np.sqrt(after / before))
     candidate = found.candidate
     time = [candidate.shape[0], candidate.shape[1]] if candidate.effect.name == "external_torque" else None
@@ -426,12 +408,10 @@ def _beyond_floor(
     search: Search, judge: Search | None, explanation: Explanation, limit: float
 ) -> dict[str, Any] | None:
     """Say where a residual is left that no correction describes either; None where it is near the floor."""
-    fit = explanation.fit
-    ratios = []
-    for there in [search, judge] if judge is not None else [search]:
-        rest = rms(there, _errors(there, fit.base, fit.effects, fit.beta))
-        ratios.append(rest / np.maximum(noise_floor(there, fit.effects), 1e-12))
-    rest, ratio = rms(search, _errors(search, fit.base, fit.effects, fit.beta)), np.min(ratios, axis=0)
+    fit, both = explanation.fit, [search] if judge is None else [search, judge]
+    rests = [rms(there, errors(there, fit.base, fit.effects, fit.beta)) for there in both]
+    floors = [np.maximum(noise_floor(there, fit.effects), 1e-12) for there in both]
+    rest, ratio = rests[0], np.min(np.divide(rests, floors), axis=0)
     worst = int(np.argmax(ratio))
     if not search.problem.segments or ratio[worst] < limit:
         return None

@@ -63,6 +63,11 @@ class Place:
     index: tuple[int, ...] = ()
     aliases: tuple[dict[str, Any], ...] = ()
 
+    @property
+    def is_pair(self) -> bool:
+        """Whether it stands for two motors at a ratio of speeds that is still to be told (`pair_places`)."""
+        return self.location.get("kind") == "combination" and "weights" not in self.location
+
     def along(self, joints: Vector, motors: Vector) -> Vector:
         """Give A x + B x_m along a motion, shape (n,)."""
         return joints @ np.array(self.A) + motors @ np.array(self.B)
@@ -351,10 +356,14 @@ def _transition(motion: Motion, place: Place, shape: Shape, scale: float) -> lis
     return [signs[0] - signs[1], signs[1] - signs[2]]
 
 
+STOPS = (0.3, 0.8, 2.0, 5.0)
+"""Distances of the further elements of a hysteresis, over its own."""
+
+
 def _stops(motion: Motion, place: Place, shape: Shape, scale: float) -> list[Vector]:
     place = _paired(place, shape)
     x = _position(motion, place)
-    return [maxwell(x, f * scale * shape[0], 1.0) for f in (0.3, 0.8, 2.0, 5.0)]
+    return [maxwell(x, f * scale * shape[0], 1.0) for f in STOPS]
 
 
 def _viscous(motion: Motion, place: Place, shape: Shape) -> Columns:
@@ -464,7 +473,7 @@ def _hysteresis(motion: Motion, place: Place, shape: Shape) -> Columns:
 
 def _paired(place: Place, shape: Shape) -> Place:
     """Give the coordinate of two motors at the ratio of speeds that the shape tells; another place as it is."""
-    if place.location.get("kind") != "combination" or "weights" in place.location:
+    if not place.is_pair:
         return place
     ratio = shape[2]
     weights = ratio * (np.arange(len(place.B)) == place.index[0]) + (np.arange(len(place.B)) == place.index[1])
@@ -474,7 +483,7 @@ def _paired(place: Place, shape: Shape) -> Place:
 
 def at_known_place(candidate: Candidate, model: CableModel, alike: float = 0.9995) -> Candidate:
     """Give two motors' coordinate the name of a joint, a motor or a cable where it is the same within 3 %."""
-    if candidate.place.location.get("kind") != "combination" or len(candidate.shape) < 3:
+    if not candidate.place.is_pair:
         return candidate
     w = np.array(_paired(candidate.place, candidate.shape).B)
     for place in rub_places(model):
@@ -487,7 +496,7 @@ def at_known_place(candidate: Candidate, model: CableModel, alike: float = 0.999
 
 def _hysteresis_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
     r = reach(motions, place)
-    if place.location["kind"] == "combination" and "weights" not in place.location:
+    if place.is_pair:
         return [(f * r, 0.0, ratio) for f in (0.02, 0.1) for ratio in (-0.9, -0.45, 0.45, 0.9)]
     return [(f * r, form) for f in (0.01, 0.03, 0.1, 0.3) for form in (0.0, 0.75)]
 
@@ -761,7 +770,7 @@ def _slack_physical(beta: Vector, shape: Shape) -> dict[str, float]:
 
 
 def _hysteresis_physical(beta: Vector, shape: Shape) -> dict[str, float]:
-    stops = zip(beta[1:], (0.3, 0.8, 2.0, 5.0), strict=False)
+    stops = zip(beta[1:], STOPS, strict=False)
     stiffness = beta[0] + sum(b / f for b, f in stops)
     return {"stiffness": float(stiffness) / shape[0], "limit": float(np.sum(beta)), "form": shape[1]}
 
@@ -1268,8 +1277,7 @@ class Candidate:
     @property
     def location(self) -> dict[str, Any]:
         """Where it sits, in the words of the diagnosis format."""
-        found = _paired(self.place, self.shape)
-        return dict(found.location)
+        return dict(_paired(self.place, self.shape).location)
 
     @property
     def loads(self) -> bool:
@@ -1285,7 +1293,7 @@ class Candidate:
     def extra(self) -> int:
         """Number of nonlinear parameters that count as physics."""
         counted = min(len(self.shape), 2 + self.effect.nuisance_shape) - self.effect.nuisance_shape
-        return counted + (self.place.location.get("kind") == "combination")
+        return counted + self.place.is_pair
 
 
 def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motion:

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
-
 from .effects import Candidate
 from .geometry import Vector
-from .selection import Fit, Search
+from .selection import Fit, Search, errors, rms
 
 SUSPECTS = 6  # that are named at once
 
@@ -60,13 +58,4 @@ def entry(candidate: Candidate) -> dict[str, Any]:
 
 def left_over(search: Search, fit: Fit) -> Vector:
     """Compute the error of a fit in the band, rms per motor, shape (n_motors,) [N m]."""
-    own = [search.columns(candidate) for candidate in fit.effects]
-    total, count = np.zeros(search.problem.n_channels), 0
-    for r, segments in enumerate(search.problem.segments):
-        e = search.nominal[r] - np.tensordot(fit.base, search.rigid[r], 1)
-        for columns, beta in zip(own, fit.beta, strict=True):
-            e = e - np.tensordot(beta, columns[r], 1)
-        for start, stop in segments:
-            total += (e[:, start:stop] ** 2).sum(axis=1)
-            count += stop - start
-    return np.sqrt(total / max(count, 1))[: search.problem.model.n_motors]
+    return rms(search, errors(search, fit.base, fit.effects, fit.beta))[: search.problem.model.n_motors]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from .diagnose import Diagnosis, _errors
+from .diagnose import Diagnosis
 from .explain import Explanation, Found
 from .replay import Replay
 from .report_evidence import Evidence, LawCurve, Rival, RunEvidence, SimulatedMotion
-from .selection import Fit, Search
+from .selection import Fit, Search, errors
 
 
 def gather(diagnosis: Diagnosis) -> Evidence:
@@ -50,8 +50,8 @@ def _listed(diagnosis: Diagnosis, explanation: Explanation) -> list[Found | None
 def _runs(search: Search, rigid: Fit, fit: Fit, holdout: bool) -> list[RunEvidence]:
     problem = search.problem
     m, step = problem.model.n_motors, problem.band.step
-    before = _errors(search, rigid.base, (), ())
-    after = _errors(search, fit.base, fit.effects, fit.beta)
+    before = errors(search, rigid.base, (), ())
+    after = errors(search, fit.base, fit.effects, fit.beta)
     out = []
     for r, run in enumerate(problem.runs):
         data = problem.data[r][0][:m]
@@ -86,7 +86,7 @@ def _law(search: Search, explanation: Explanation, found: Found) -> LawCurve | N
     run = search.problem.runs[0]
     m, step = len(w), search.problem.band.step
     law = np.tensordot(fit.beta[j], search.columns(candidate)[0], 1)[:m]
-    rest = law + _errors(search, fit.base, fit.effects, fit.beta)[0][:m]
+    rest = law + errors(search, fit.base, fit.effects, fit.beta)[0][:m]
     share = w / (w @ w)
     n = law.shape[1]
     by_position = any(word in candidate.effect.name for word in ("spring", "position", "ripple", "hysteresis"))

@@ -96,6 +96,11 @@ class Run:
     data: Vector
 
     @property
+    def payload(self) -> float:
+        """Mass that the recording says was held [kg]."""
+        return self.signals.recording.payload or 0.0
+
+    @property
     def name(self) -> str:
         """Name of the recording."""
         return self.signals.recording.name
@@ -175,7 +180,7 @@ class Problem:
         """Per run the standard parameters of the stated payload, taken to sit at the tip of the last link."""
         links, out = self.model.manipulator.links, []
         for run in self.runs:
-            mass, change = run.signals.recording.payload or 0.0, np.zeros(10 * self.model.n_joints)
+            mass, change = run.payload, np.zeros(10 * self.model.n_joints)
             if mass and links:
                 tip = links[-1].length
                 change[-10:] = mass * np.array([1.0, tip, 0.0, 0.0, 0.0, 0.0, tip**2, 0.0, 0.0, tip**2])

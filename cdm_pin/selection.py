@@ -200,7 +200,7 @@ class Search:
 
     def __init__(self, problem: Problem, base: BaseParameters, settings: Settings, held: bool | None = None):
         self.problem, self.base, self.settings = problem, base, settings
-        self.held = len({run.signals.recording.payload or 0.0 for run in problem.runs}) > 1 if held is None else held
+        self.held = len({run.payload for run in problem.runs}) > 1 if held is None else held
         self._cache: dict[Any, list[Vector]] = {}
         self._clear: dict[Any, Whitener] = {}
         self._noise: dict[Any, Whitener] = {}
@@ -256,10 +256,9 @@ class Search:
         """Base columns of the regressor, per run, then those of the payload that the last link holds."""
         problem = self.problem
         own = [Y[self.base.columns] for Y in problem.rigid]
-        masses = np.array([run.signals.recording.payload or 0.0 for run in problem.runs])
         if not self.held:
             return own
-        held = [mass * full[-10:] for mass, full in zip(masses, problem.rigid, strict=True)]
+        held = [run.payload * full[-10:] for run, full in zip(problem.runs, problem.rigid, strict=True)]
         return [np.concatenate(parts) for parts in zip(own, held, strict=True)]
 
     @property
@@ -510,10 +509,7 @@ class Search:
                 gram = white.grams[i] - inside[s] @ inside[s].T
                 out.append(_score(gram, c[s], white.full[s], left[s], signs))
                 continue
-            statistic, beta, visible, norm = (float(x[s.start]) for x in single)
-            if np.isfinite(statistic) and signs and signs[0] and beta < 0:
-                statistic, beta = -np.inf, 0.0
-            out.append(Score(statistic, int(norm > 0), np.array([beta]), visible, norm))
+            out.append(_single(single, s.start, signs))
         return out
 
     def score(self, fit: Fit, candidate: Candidate) -> Score:
@@ -557,6 +553,24 @@ class Search:
             )
         best = max(found, key=lambda item: item[0])
         return best[1], best[2]
+
+
+def errors(search: Search, base: Vector, effects: Sequence[Candidate], beta: Sequence[Vector]) -> list[Vector]:
+    """Subtract what a fitted model predicts from the data, in the band, per run (n_channels, n_reduced)."""
+    own = [search.columns(c) for c in effects]
+    out = []
+    for r, (rigid, nominal) in enumerate(zip(search.rigid, search.nominal, strict=True)):
+        e = nominal - np.tensordot(base, rigid, 1)
+        for columns, b in zip(own, beta, strict=True):
+            e = e - np.tensordot(b, columns[r], 1)
+        out.append(e)
+    return out
+
+
+def rms(search: Search, errors: Sequence[Vector]) -> Vector:
+    """Root mean square per channel over the samples that are judged."""
+    parts = [e[:, a:b] for e, run in zip(errors, search.problem.segments, strict=True) for a, b in run]
+    return np.sqrt(np.mean(np.concatenate(parts, axis=1) ** 2, axis=1)) if parts else np.array([])
 
 
 def _level(data: Sequence[Vector], segments: Sequence[Any], channel: int) -> float:
@@ -610,13 +624,18 @@ def _score_single(c: Vector, full: Vector, left: Vector) -> tuple[Vector, Vector
     return np.where(there, c * c / safe, -np.inf), np.where(there, c / safe, 0.0), visible, np.sqrt(there * safe)
 
 
+def _single(parts: tuple[Vector, ...], i: int, signs: Sequence[int]) -> Score:
+    """Give the score of one column, none where its sign is not admissible."""
+    statistic, beta, visible, norm = (float(x[i]) for x in parts)
+    if np.isfinite(statistic) and signs and signs[0] and beta < 0:
+        statistic, beta = -np.inf, 0.0
+    return Score(statistic, int(norm > 0), np.array([beta]), visible, norm)
+
+
 def _score(gram: Vector, c: Vector, full: Vector, left: Vector, signs: Sequence[int]) -> Score:
     """Score columns from their inner products beside a fit, and with its residual."""
     if len(c) == 1:
-        statistic, beta, visible, norm = (float(x[0]) for x in _score_single(c, full, left))
-        if np.isfinite(statistic) and signs and signs[0] and beta < 0:
-            statistic, beta = -np.inf, 0.0
-        return Score(statistic, int(norm > 0), np.array([beta]), visible, norm)
+        return _single(_score_single(c, full, left), 0, signs)
     visible = float(np.sqrt(np.max(left / np.maximum(full, 1e-300)))) if len(full) else 0.0
     keep = left > 1e-6 * full
     nothing = Score(-np.inf, int(keep.sum()), np.zeros(len(c)), visible, 0.0)

@@ -8,7 +8,6 @@ The recordings are where CDM_PIN_DATA says or scripts/get_data.py puts them.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -17,9 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from real_robots import data_folder
 
 from cdm_pin.console import output
 from cdm_pin.diagnose import diagnose
+from cdm_pin.errors import CdmError
 from cdm_pin.files import write_text
 from cdm_pin.model import load_model
 from cdm_pin.recording import load_recording
@@ -76,14 +77,6 @@ CASES = (
         "No cables: only friction of gears is to be expected.",
     ),
 )
-
-
-def data_folder() -> Path:
-    """Find the recordings."""
-    for place in (os.environ.get("CDM_PIN_DATA"), ROOT / "data", ROOT.parent / "shared" / "data"):
-        if place and Path(place).is_dir():
-            return Path(place)
-    sys.exit("the recordings are not here: run scripts/get_data.py, or set CDM_PIN_DATA")
 
 
 def recording(case: Case, name: str, model: Any, folder: Path):
@@ -143,9 +136,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "the command says, and the errors in the band it chose.",
         "",
     ]
-    for case in CASES:
-        output().print(case.title)
-        parts.append(chapter(case))
+    try:
+        for case in CASES:
+            output().print(case.title)
+            parts.append(chapter(case))
+    except CdmError as exc:
+        print(f"real_diagnoses: {exc}", file=sys.stderr)
+        return 2
     write_text(Path(args.output), "\n".join(parts))
     return 0
 
