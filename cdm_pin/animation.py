@@ -72,7 +72,7 @@ def write_animation(path: str | os.PathLike[str], show: Show, lines: tuple[str, 
     count = int(min(MOST_FRAMES, show.duration * RATE + 1.5))
     times = np.linspace(0.0, show.duration, count) if count > 1 else np.zeros(1)
     rate = (count - 1) / show.duration if count > 1 else RATE
-    frames = np.vstack([pack_frames(frame_at(show, float(t), show.news)) for t in times])
+    frames = pack_frames(frame_at(show, times, show.news))
     commands = [*stage_commands(), *(command for scene in show.scenes for command in scene_commands(scene))]
     if rate < SMOOTH:
         lines = [*lines, f"A long motion: one picture every {1 / rate:.2g} s."]

@@ -32,9 +32,9 @@ class Part:
     path : str
         In the scene tree, below the root of the robot.
     shape : str
-        "box", "cylinder" (along z), "cone" (along z), "sphere" or "mesh".
+        "box", "cylinder" (along z), "sphere" or "mesh".
     size : ndarray
-        Box: three lengths; cylinder, cone: radius and length; sphere: radius [m]; mesh: empty.
+        Box: three lengths; cylinder: radius and length; sphere: radius [m]; mesh: empty.
     placement : ndarray, shape (4, 4)
         In the frame of its parent node.
     colour : tuple of float
@@ -127,16 +127,20 @@ class Scene:
 
     @property
     def rigid_paths(self) -> list[str]:
-        """Nodes moved by `Frames.rigid`, in order: bodies, pulleys, discs, marks, contact forces."""
+        """Nodes moved by `Frames.rigid`, in order: bodies, pulleys, discs, marks."""
         bodies = [f"body_{i + 1}" for i in range(len(self.chain.parent))]
         movers = [*self.turning, *self.discs, *self.marks]
-        forces = [f"force_{i + 1}" for i in range(len(self.contacts))]
-        return [f"{self.root}/{path}" for path in [*bodies, *(mover.path for mover in movers), *forces]]
+        return [f"{self.root}/{path}" for path in [*bodies, *(mover.path for mover in movers)]]
 
     @property
     def line_paths(self) -> list[str]:
-        """Nodes of the cable sides; their segments are the children ``0, 1, ...``."""
+        """Nodes of the cable sides."""
         return [f"{self.root}/cable_{side.cable + 1}_{side.side}" for side in self.sides]
+
+    @property
+    def arrow_path(self) -> str:
+        """Node of all contact forces."""
+        return f"{self.root}/forces"
 
     @property
     def colour_paths(self) -> list[str]:
@@ -153,12 +157,15 @@ class Frames:
     rigid : ndarray, shape (n, n_rigid, 4, 4)
     lines : tuple of ndarray, shape (n, m, 3)
         Points of each cable side [m].
+    arrows : ndarray, shape (n, n_contacts, 2, 3)
+        Foot and tip of each contact force [m].
     colours : ndarray, shape (n, n_coloured, 4)
         Red, green, blue, opacity.
     """
 
     rigid: np.ndarray
     lines: tuple[np.ndarray, ...]
+    arrows: np.ndarray
     colours: np.ndarray
 
 
@@ -215,11 +222,12 @@ def frames(scene: Scene, q: np.ndarray, display: Display = Display()) -> Frames:
         _scaled(_body(poses, s.body) @ s.placement, np.full(n, float(state is not None)), even=True)
         for s, state in zip(scene.marks, states, strict=True)
     ]
-    movers = [np.broadcast_to(m, (n, 4, 4)) for m in (*pulleys, *discs, *marks, *_arrows(scene, poses, display))]
+    movers = [np.broadcast_to(m, (n, 4, 4)) for m in (*pulleys, *discs, *marks)]
     rigid = np.concatenate([poses, np.stack(movers, 1)], axis=1) if movers else poses
     lit = [np.broadcast_to(SUSPECT if state is None else state, (n, 4)) for state in states]
     colours = [*_cable_colours(scene, n, display), *_disc_colours(size), *lit]
-    return Frames(rigid, tuple(lines), np.stack(colours, 1) if colours else np.zeros((n, 0, 4)))
+    coloured = np.stack(colours, 1) if colours else np.zeros((n, 0, 4))
+    return Frames(rigid, tuple(lines), _arrows(scene, poses, display), coloured)
 
 
 def mark_state(spot: Spot, display: Display) -> np.ndarray | None:
@@ -248,15 +256,46 @@ def lights(spot: Spot, location: Mapping[str, Any]) -> bool:
 
 def bounds(scene: Scene, q: np.ndarray) -> tuple[np.ndarray, float]:
     """Give centre and radius [m] of a ball around robot and motion, in the viewer's frame, for the camera."""
+    points = _cloud(scene, q)
+    low, high = points.min(0), points.max(0)
+    return (low + high) / 2, max(float(np.linalg.norm(high - low) / 2), 0.55 * scene.size)
+
+
+def outermost(scene: Scene, q: np.ndarray) -> np.ndarray:
+    """Give the points of robot and motion that reach furthest in any of 26 directions, in the viewer's frame [m]."""
+    points = _cloud(scene, q)
+    steps = np.array([-1.0, 0.0, 1.0])
+    directions = np.stack(np.meshgrid(steps, steps, steps), -1).reshape(-1, 3)
+    return points[np.unique((points @ directions.T).argmax(0))]
+
+
+def _cloud(scene: Scene, q: np.ndarray) -> np.ndarray:
+    """Give the corners of all parts of bodies, and the cables, along a motion, in the viewer's frame."""
     q = np.atleast_2d(q)
     q = q[np.unique(np.linspace(0, len(q) - 1, min(len(q), 200)).astype(int))]
     placed = frames(scene, q)
-    clouds = [placed.rigid[:, : len(scene.chain.parent), :3, 3].reshape(-1, 3), np.zeros((1, 3))]
-    tips = body_poses(scene.chain, q)[:, -1] @ np.array([0.0, 0.0, 0.0, 1.0])
-    clouds += [tips[:, :3], *(line.reshape(-1, 3) for line in placed.lines)]
-    points = np.vstack(clouds) @ scene.upright[:3, :3].T
-    low, high = points.min(0), points.max(0)
-    return (low + high) / 2, max(float(np.linalg.norm(high - low) / 2), 0.55 * scene.size)
+    clouds = [np.zeros((1, 3)), placed.rigid[:, : len(scene.chain.parent), :3, 3].reshape(-1, 3)]
+    clouds += [line.reshape(-1, 3) for line in placed.lines]
+    rows = {path: k for k, path in enumerate(scene.rigid_paths[: len(scene.chain.parent)])}
+    for part in scene.parts:
+        row = rows.get(f"{scene.root}/{part.path.partition('/')[0]}")
+        if row is not None:
+            corners = _corners(part) @ part.placement[:3, :3].T + part.placement[:3, 3]
+            pose = placed.rigid[:, row]
+            clouds.append((corners @ pose[:, :3, :3].transpose(0, 2, 1) + pose[:, None, :3, 3]).reshape(-1, 3))
+    return np.vstack(clouds) @ scene.upright[:3, :3].T
+
+
+def _corners(part: Part) -> np.ndarray:
+    """Give the corners of a box around a part, in its own frame."""
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    if part.vertices is not None:
+        low, high = part.vertices.min(0), part.vertices.max(0)
+        return (low + high) / 2 + signs * (high - low) / 2
+    if part.shape == "box":
+        return signs * np.asarray(part.size) / 2
+    radius = part.size[0]
+    return signs * np.array([radius, radius, part.size[1] / 2 if part.shape == "cylinder" else radius])
 
 
 def _body(poses: np.ndarray, body: int) -> np.ndarray:
@@ -277,23 +316,17 @@ def _scaled(pose: np.ndarray, scale: np.ndarray, even: bool = False) -> np.ndarr
     return pose * factors[:, None, :]
 
 
-def _arrows(scene: Scene, poses: np.ndarray, display: Display) -> list[np.ndarray]:
-    """Place a cone of unit length along each contact force."""
-    out = []
+def _arrows(scene: Scene, poses: np.ndarray, display: Display) -> np.ndarray:
+    """Place foot and tip of each contact force."""
+    arrows = np.zeros((len(poses), len(scene.contacts), 2, 3))
+    if display.force is None or display.point is None:
+        return arrows
+    reach = display.force / display.full_force * (scene.size / 5)
+    ends = np.stack([display.point, display.point + reach], axis=2)
     for k, body in enumerate(scene.contacts):
-        arrow = np.tile(HIDDEN * np.eye(4), (len(poses), 1, 1))
-        arrow[:, 3, 3] = 1.0
-        if display.force is not None and display.point is not None:
-            force = display.force[:, k] / display.full_force * (scene.size / 5)
-            across = np.cross(force, [0.0, 0.0, 1.0]) + 1e-12 * np.array([1.0, 0.0, 0.0])
-            across /= np.linalg.norm(across, axis=1)[:, None]
-            length = np.maximum(np.linalg.norm(force, axis=1), HIDDEN)[:, None]
-            arrow[:, :3, 0] = 0.012 * scene.size * across
-            arrow[:, :3, 1] = 0.012 * scene.size * np.cross(force / length, across)
-            arrow[:, :3, 2] = force
-            arrow[:, :3, 3] = display.point[:, k]
-        out.append(_body(poses, body) @ arrow)
-    return out
+        pose = _body(poses, body)
+        arrows[:, k] = ends[:, k] @ np.swapaxes(pose[..., :3, :3], -1, -2) + pose[..., None, :3, 3]
+    return arrows
 
 
 def _cable_colours(scene: Scene, n: int, display: Display) -> list[np.ndarray]:

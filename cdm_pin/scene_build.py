@@ -20,7 +20,6 @@ LINK, JOINT, GUIDE, WINCH, SPOKE = (
     (0.76, 0.80, 0.84, 1.0), (0.45, 0.53, 0.60, 1.0), (0.55, 0.61, 0.66, 1.0), (0.30, 0.35, 0.40, 1.0),
     (0.95, 0.95, 0.95, 1.0),
 )  # fmt: skip
-FORCE = (0.0, 0.62, 0.45, 1.0)
 WHITE = (1.0, 1.0, 1.0, 1.0)  # of what is coloured at every frame
 
 
@@ -58,8 +57,6 @@ def build_scene(
         parts = tuple(replace(part, colour=colour) for part in bare)
         discs, marks = (), ()
     sides = cable_sides(m)
-    cone = _at(0, 0, 0.5)
-    parts += tuple(Part(f"force_{i + 1}/arrow", "cone", (1.0, 1.0), cone, FORCE) for i in range(len(contacts)))
     return Scene(
         root, _upright(m), model.chain, parts, turning, sides, radius, tuple(discs), tuple(marks), size, contacts, arc
     )

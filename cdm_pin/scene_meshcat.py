@@ -13,24 +13,26 @@ from meshcat.commands import SetObject, SetProperty, SetTransform
 from meshcat.path import Path
 
 from .scene import Frames, Part, Scene, frames
+from .scene_mesh import Mesh, arrows, merged, tube
 
-# meshcat's cylinders stand along y, ours along z.
-_Z_FROM_Y = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+FORCE = (0.0, 0.62, 0.45, 1.0)
+WHITE = (1.0, 1.0, 1.0, 1.0)
 
 
 def scene_commands(scene: Scene) -> list[bytes]:
-    """Give the commands that draw everything of a scene once; nothing stands at its place before the first frame."""
+    """Give the commands that draw everything of a scene once; nothing stands at its place before the first frame.
+
+    What moves together is one object: the parts of a body, of a pulley and of the base, each cable side, all arrows.
+    """
     out = [_pack(SetTransform(scene.upright, _path(scene.root)))]
-    for part in scene.parts:
-        path = _path(f"{scene.root}/{part.path}")
-        out.append(_pack(SetObject(_geometry(part), _material(part.colour), path)))
-        turned = part.placement @ _Z_FROM_Y if part.shape in ("cylinder", "cone") else part.placement
-        out.append(_pack(SetTransform(turned, path)))
-    segment = _round(g.Cylinder(1.0, 1.0), 6)
+    for path, parts in _together(scene.parts).items():
+        solid = all(part.shape != "mesh" for part in parts)
+        out.append(_draw(f"{scene.root}/{path}", merged(parts), parts[0].colour, inside=not solid))
     points = [line.shape[1] for line in frames(scene, np.zeros((1, len(scene.chain.parent)))).lines]
     for line, count in zip(scene.line_paths, points, strict=True):
-        for k in range(count - 1):
-            out.append(_pack(SetObject(segment, _material((1, 1, 1, 1)), _path(f"{line}/{k}"))))
+        out.append(_draw(line, tube(count), WHITE, lit=False))
+    if scene.contacts:
+        out.append(_draw(scene.arrow_path, arrows(len(scene.contacts)), FORCE, lit=False))
     return out
 
 
@@ -50,9 +52,14 @@ def layout(scenes: Sequence[Scene]) -> dict[str, Any]:
     return {
         "rigid": [path for scene in scenes for path in scene.rigid_paths],
         "lines": [
-            {"path": path, "points": line.shape[1], "radius": scene.cable_radius}
+            {"path": path, "rings": line.shape[1], "radius": scene.cable_radius}
             for scene, frame in zip(scenes, still, strict=True)
             for path, line in zip(scene.line_paths, frame.lines, strict=True)
+        ],
+        "arrows": [
+            {"path": scene.arrow_path, "rings": 2 * len(scene.contacts), "radius": 0.012 * scene.size}
+            for scene in scenes
+            if scene.contacts
         ],
         "colours": [path for scene in scenes for path in scene.colour_paths],
     }
@@ -64,36 +71,57 @@ def pack_frames(placed: Sequence[Frames]) -> np.ndarray:
     Returns
     -------
     ndarray of float32, shape (n, m)
-        Per sample the upper three rows of every rigid transform, the points of every cable side, every colour.
+        Per sample the upper three rows of every rigid transform, the points of every cable side, the ends of every
+        arrow, every colour.
     """
     n = len(placed[0].rigid)
     rigid = [frame.rigid[:, :, :3].reshape(n, -1) for frame in placed]
     lines = [line.reshape(n, -1) for frame in placed for line in frame.lines]
+    ends = [frame.arrows.reshape(n, -1) for frame in placed]
     colours = [frame.colours.reshape(n, -1) for frame in placed]
-    return np.ascontiguousarray(np.hstack([*rigid, *lines, *colours]), dtype=np.float32)
+    return np.ascontiguousarray(np.hstack([*rigid, *lines, *ends, *colours]), dtype=np.float32)
 
 
-def _geometry(part: Part) -> g.Geometry:
-    if part.shape == "box":
-        return g.Box(list(map(float, part.size)))
-    if part.shape == "cylinder":
-        return _round(g.Cylinder(float(part.size[1]), float(part.size[0])), 24)
-    if part.shape == "cone":
-        return _round(g.Cylinder(float(part.size[1]), radiusTop=0.0, radiusBottom=float(part.size[0])), 16)
-    if part.shape == "sphere":
-        return g.Sphere(float(part.size[0]))
-    assert part.vertices is not None and part.faces is not None
-    return g.TriangularMeshGeometry(part.vertices, part.faces)
+def _together(parts: Sequence[Part]) -> dict[str, list[Part]]:
+    """Group parts that move together and are equally opaque, under the path of the node they hang on."""
+    groups: dict[tuple[str, float], list[Part]] = {}
+    for part in parts:
+        node, _, name = part.path.partition("/")
+        groups.setdefault((node if name else "base", part.colour[3]), []).append(part)
+    out: dict[str, list[Part]] = {}
+    for (node, opacity), group in groups.items():
+        out[f"{node}/opacity_{100 * opacity:.0f}" if node in out else node] = group
+    return out
 
 
-def _round(cylinder: g.Cylinder, segments: int) -> g.Cylinder:
-    cylinder.radialSegments = segments
-    return cylinder
+class _Triangles(g.Geometry):
+    """A mesh with normals, and colours at its vertices if it has several."""
+
+    def __init__(self, mesh: Mesh):
+        super().__init__()
+        self.mesh = mesh
+
+    def lower(self, object_data: Any) -> dict[str, Any]:
+        """Give it as three.js reads it."""
+        mesh = self.mesh
+        arrays = {"position": mesh.vertices, "normal": mesh.normals}
+        if mesh.colours is not None:
+            arrays["color"] = mesh.colours
+        attributes = {name: g.pack_numpy_array(array.T) for name, array in arrays.items()}
+        data = {"attributes": attributes, "index": g.pack_numpy_array(mesh.faces.T)}
+        return {"uuid": self.uuid, "type": "BufferGeometry", "data": data}
 
 
-def _material(colour: Sequence[float]) -> g.Material:
-    red, green, blue = (round(255 * c) for c in colour[:3])
-    return g.MeshLambertMaterial(color=red << 16 | green << 8 | blue, opacity=float(colour[3]))
+def _draw(path: str, mesh: Mesh, colour: Sequence[float], *, inside: bool = False, lit: bool = True) -> bytes:
+    """Draw a mesh, in one colour unless it has its own; `inside`: from behind too; not `lit`: without shading."""
+    red, green, blue = (round(255 * c) for c in (WHITE if mesh.colours is not None else colour)[:3])
+    material = (g.MeshLambertMaterial if lit else g.MeshBasicMaterial)(
+        color=red << 16 | green << 8 | blue,
+        opacity=float(colour[3]),
+        vertexColors=mesh.colours is not None,
+        side=2 if inside else 0,
+    )
+    return _pack(SetObject(_Triangles(mesh), material, _path(path)))
 
 
 def _path(path: str) -> Path:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from .errors import RecordingError
 from .model import CableModel
 from .recording import Recording
 from .report_robot import bent_pose
-from .scene import Display, Frames, Scene, bounds, frames
+from .scene import Display, Frames, Scene, bounds, frames, outermost
 from .scene_build import build_scene
 from .signals import Signals, prepare
 
@@ -65,6 +66,16 @@ class Show:
     def duration(self) -> float:
         """Length of the motion [s]."""
         return float(self.time[-1] - self.time[0])
+
+    @cached_property
+    def full_tension(self) -> float:
+        """The tension drawn in the brightest colour [N]."""
+        return _largest(self.tension)
+
+    @cached_property
+    def full_force(self) -> float:
+        """The force drawn as a full arrow [N]."""
+        return _largest(self.force)
 
 
 def show_model(model: CableModel, news: Mapping[str, Any] | None = None) -> Show:
@@ -140,16 +151,16 @@ GHOSTS = {
 }
 
 
-def frame_at(show: Show, t: float, news: Mapping[str, Any]) -> list[Frames]:
-    """Place every scene at one time from the start [s], with what the news of a computation add."""
-    now = float(show.time[0]) + t
+def frame_at(show: Show, t: float | np.ndarray, news: Mapping[str, Any]) -> list[Frames]:
+    """Place every scene at one or several times from the start [s], with what the news of a computation add."""
+    now = float(show.time[0]) + np.atleast_1d(np.asarray(t, float))
     first = Display(
         tension=None if show.tension is None else _at(show.time, show.tension, now),
-        full_tension=1.0 if show.tension is None else max(float(np.percentile(show.tension, 99)), 1e-9),
+        full_tension=show.full_tension,
         residual=None if show.residual is None else _at(show.time, show.residual, now) * _shrunk(show, news),
         force=None if show.force is None else _at(show.time, show.force, now),
         point=None if show.point is None else _at(show.time, show.point, now),
-        full_force=1.0 if show.force is None else max(float(np.percentile(np.abs(show.force), 99)), 1e-9),
+        full_force=show.full_force,
         suspects=news.get("suspects_at") or (),
         accepted=news.get("accepted_at") or (),
     )
@@ -159,11 +170,12 @@ def frame_at(show: Show, t: float, news: Mapping[str, Any]) -> list[Frames]:
 
 
 def camera(scenes: Sequence[Scene], q: Sequence[np.ndarray]) -> dict[str, Any]:
-    """Say where the camera looks: a ball around everything, in the viewer's frame [m]."""
+    """Say what the camera sees: a ball around everything, and the points it must hold, in the viewer's frame [m]."""
     balls = [bounds(scene, motion) for scene, motion in zip(scenes, q, strict=True)]
     centre = np.mean([ball[0] for ball in balls], axis=0)
     radius = max(float(np.linalg.norm(c - centre)) + r for c, r in balls)
-    return {"centre": centre.tolist(), "radius": radius}
+    points = np.vstack([outermost(scene, motion) for scene, motion in zip(scenes, q, strict=True)])
+    return {"centre": centre.tolist(), "radius": radius, "points": points.round(4).tolist()}
 
 
 def _thinned(recording: Recording) -> Recording:
@@ -248,10 +260,16 @@ def _shrunk(show: Show, news: Mapping[str, Any]) -> np.ndarray | float:
     return np.minimum(np.linalg.norm(share * np.asarray(rms, float), axis=1) / np.maximum(before, 1e-12), 1.0)
 
 
-def _at(time: np.ndarray, values: np.ndarray, t: float) -> np.ndarray:
-    """Interpolate at one time, shape (1, ...)."""
+def _largest(values: np.ndarray | None) -> float:
+    """Give what nearly all values stay below."""
+    return 1.0 if values is None else max(float(np.percentile(np.abs(values), 99)), 1e-9)
+
+
+def _at(time: np.ndarray, values: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Interpolate at each of n times, shape (n, ...)."""
     if len(time) < 2:
-        return values[:1]
-    k = int(np.clip(np.searchsorted(time, t) - 1, 0, len(time) - 2))
-    s = float(np.clip((t - time[k]) / max(time[k + 1] - time[k], 1e-12), 0, 1))
-    return ((1 - s) * values[k] + s * values[k + 1])[None]
+        return values[np.zeros(len(t), int)]
+    k = np.clip(np.searchsorted(time, t) - 1, 0, len(time) - 2)
+    s = np.clip((t - time[k]) / np.maximum(time[k + 1] - time[k], 1e-12), 0, 1)
+    s = s.reshape(-1, *[1] * (values.ndim - 1))
+    return (1 - s) * values[k] + s * values[k + 1]

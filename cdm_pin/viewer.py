@@ -28,7 +28,7 @@ from .stream import write_message
 from .wording import candidate, place, sentence, with_error
 
 PORT = 7000
-PAUSE = 0.2  # between news to the server [s]; those that come faster overtake each other
+PAUSE = 0.4  # between news to the server [s]; those that come faster overtake each other
 
 
 class Viewer:

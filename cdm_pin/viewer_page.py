@@ -19,8 +19,7 @@ import numpy as np
 LIVE = """
 let latest = null, socket = null, taken = 0;
 function send(message) { if (socket && socket.readyState === 1) socket.send(JSON.stringify(message)); }
-function draw() {
-  requestAnimationFrame(draw);
+function turn() {
   if (!latest || !nodes) return;
   const data = latest; latest = null;
   showTime(new Float32Array(data, 4, 1)[0]);
@@ -39,7 +38,7 @@ function connect() {
       if (m.layout) { setDuration(m.duration); setLayout(m.layout); setCamera(m.camera); }
       if (m.state) { setPlaying(m.state.playing); byId("speed").value = m.state.speed; }
       if (m.news) showNews(m.news);
-    } else if (new Uint8Array(event.data)[0] === 1) { latest = event.data; taken++; }
+    } else if (new Uint8Array(event.data)[0] === 1) { latest = event.data; taken++; ask(); }
     else viewer.handle_command_bytearray(new Uint8Array(event.data, 4));
   };
 }
@@ -47,7 +46,7 @@ byId("play").onclick = () => send({playing: !playing});
 byId("speed").onchange = () => send({speed: +byId("speed").value});
 byId("seek").oninput = () => { dragging = true; send({seek: +byId("seek").value}); };
 byId("seek").onchange = () => { dragging = false; };
-connect(); draw();
+connect();
 """
 
 SAVED = """
@@ -60,8 +59,8 @@ const frames = new Float32Array(saved.count * width);
 for (let k = 0, c = 0; k < saved.count; k++)
   for (let i = 0; i < width; i++) frames[k * width + i] = low[i] + (span[i] ? codes[c++] / 65535 * span[i] : 0);
 let now = 0, before = null, shown = -1;
-function tick(stamp) {
-  requestAnimationFrame(tick);
+function turn(stamp) {
+  ask();
   if (playing && before !== null) now += (stamp - before) / 1000 * +byId("speed").value;
   before = stamp;
   if (now > duration) now = 0;
@@ -71,7 +70,7 @@ function tick(stamp) {
 setDuration((saved.count - 1) / saved.rate); setLayout(saved.layout); setCamera(saved.camera); showNews(saved.news);
 byId("play").onclick = () => setPlaying(!playing);
 byId("seek").oninput = () => { now = +byId("seek").value; };
-requestAnimationFrame(tick);
+ask();
 """
 
 

@@ -16,7 +16,7 @@ import struct
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,8 +31,25 @@ from .viewer_page import library_path, live_page
 
 RATE = 30.0  # frames per second
 CATCH_UP = 0.1  # ticks that came late are made up for as long as this [s]
+AHEAD = 15  # frames that are placed at once, which costs little more than one
 MOST = 500  # news with a time that are kept
 IN_FLIGHT = 2  # frames that a browser may have without having drawn them
+
+
+class Ahead:
+    """Frames placed ahead of the clock, from `start` every `step` seconds of the replay, as long as `cause` holds."""
+
+    def __init__(self, start: float = 0.0, step: float = 0.0, cause: Any = None, frames: Sequence[bytes] = ()):
+        self.start, self.step, self.cause, self.frames = start, step, cause, frames
+
+    def frame(self, now: float, step: float, cause: Any) -> bytes | None:
+        """Give the frame nearest to a time; None if it is not among these, or they were placed for something else."""
+        if (step, cause) != (self.step, self.cause):
+            return None
+        if step == 0.0:
+            return self.frames[0] if now == self.start else None
+        k = round((now - self.start) / step)
+        return self.frames[k] if 0 <= k < len(self.frames) else None
 
 
 class Player:
@@ -44,6 +61,7 @@ class Player:
         self.history: list[tuple[float, dict[str, Any]]] = []
         self.shown: dict[str, Any] = self.news
         self.playing, self.speed, self.now, self.last = True, 1.0, 0.0, time.monotonic()
+        self.ahead = Ahead()
         drawn = (command for scene in show.scenes for command in scene_meshcat.scene_commands(scene))
         self.commands = [*scene_meshcat.stage_commands(), *drawn]
         self.setup = {
@@ -53,12 +71,20 @@ class Player:
         }
 
     def frame(self) -> bytes:
-        """Pack the present frame, with its kind (1) and its time in front."""
-        placed = frame_at(self.show, self.now, self.shown)
-        return struct.pack("<If", 1, self.now) + scene_meshcat.pack_frames(placed).astype("<f4").tobytes()
+        """Pack the present frame, with its kind (1) and its time in front; the same bytes while nothing changes."""
+        step = self.speed / RATE if self.playing and self.show.duration > 0 else 0.0
+        cause = [self.shown.get(key) for key in ("residual", "suspects_at", "accepted_at")]
+        data = self.ahead.frame(self.now, step, cause)
+        if data is None:
+            times = self.now + step * np.arange(AHEAD if step else 1)
+            times = times % self.show.duration if step else times
+            packed = scene_meshcat.pack_frames(frame_at(self.show, times, self.shown)).astype("<f4")
+            frames = [struct.pack("<If", 1, t) + row.tobytes() for t, row in zip(times, packed, strict=True)]
+            self.ahead, data = Ahead(self.now, step, cause, frames), frames[0]
+        return data
 
     def tick(self) -> None:
-        """Advance the clock and serve every browser that has drawn what it got."""
+        """Advance the clock and serve every browser that has drawn what it got and shows something else than now."""
         now = time.monotonic()
         if self.playing and self.show.duration > 0:
             self.now = (self.now + (now - self.last) * self.speed) % self.show.duration
@@ -68,8 +94,10 @@ class Player:
         if ready:
             data = self.frame()
             for browser in ready:
-                browser.in_flight += 1
-                browser.post(data)
+                if data is not browser.last:
+                    browser.last = data
+                    browser.in_flight += 1
+                    browser.post(data)
 
     def told(self, news: dict[str, Any]) -> None:
         """Take news from the computation; those with a time wait until the replay gets there."""
@@ -110,6 +138,7 @@ class Stream(tornado.websocket.WebSocketHandler):
     def initialize(self, player: Player) -> None:
         """Set what tornado hands over."""
         self.player, self.in_flight = player, 0
+        self.last: bytes | None = None
 
     def open(self, *args: str, **kwargs: str) -> None:
         """Send a browser the whole scene; it may come at any time."""

@@ -3,6 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+import umsgpack
 import view_cases
 
 from cdm_pin import show as show_module
@@ -12,8 +13,9 @@ from cdm_pin.manipulator import parse_manipulator
 from cdm_pin.model import build_model
 from cdm_pin.poses import body_poses
 from cdm_pin.robots import robot_urdf
-from cdm_pin.scene import ACCEPTED, HIDDEN, SLACK_COLOUR, SUSPECT, Display, bounds, frames
+from cdm_pin.scene import ACCEPTED, HIDDEN, SLACK_COLOUR, SUSPECT, Display, Part, bounds, frames, outermost
 from cdm_pin.scene_build import build_scene
+from cdm_pin.scene_mesh import merged, shape
 from cdm_pin.scene_meshcat import layout, pack_frames, scene_commands
 from cdm_pin.show import frame_at, show_ghosts, show_model, show_recording
 from cdm_pin.transmission import cable_travel
@@ -154,6 +156,65 @@ def test_slack_cables_bulge_along_links(model):
     np.testing.assert_array_equal(slack.lines[5], taut.lines[5])
 
 
+def volume(mesh) -> float:
+    """Give what the triangles enclose; negative if they face inwards."""
+    a, b, c = mesh.vertices[mesh.faces.T].astype(float)
+    return float((a * np.cross(b, c)).sum() / 6)
+
+
+def test_shapes_are_closed_and_face_outwards():
+    """Box, cylinder and sphere enclose their volume, with normals of length one that point the way their faces do."""
+    expected = {"box": 0.048, "cylinder": np.pi * 0.04 * 0.5, "sphere": 4 / 3 * np.pi * 0.008}
+    sizes = {"box": (0.2, 0.4, 0.6), "cylinder": (0.2, 0.5), "sphere": (0.2,)}
+    for kind, size in sizes.items():
+        mesh = shape(Part("x", kind, size, np.eye(4), (1.0, 1.0, 1.0, 1.0)))
+        assert 0.94 * expected[kind] < volume(mesh) < 1.001 * expected[kind], kind
+        a, b, c = mesh.vertices[mesh.faces.T]
+        assert ((np.cross(b - a, c - a)[:, None] * mesh.normals[mesh.faces]).sum(-1) > 0).all(), kind
+        np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-6)
+
+
+def test_parts_of_one_body_are_one_mesh_with_their_colours(model):
+    """Merged parts keep place, volume and colour; a single colour needs none at the vertices."""
+    parts = [part for part in build_scene(model).parts if part.path.startswith("body_1/")]
+    assert len(parts) == 5
+    both, each = merged(parts), [merged([part]) for part in parts]
+    assert volume(both) == pytest.approx(sum(map(volume, each)), rel=1e-4)
+    assert both.colours is not None and {tuple(c) for c in both.colours.round(2)} == {
+        tuple(np.float32(part.colour[:3]).round(2)) for part in parts
+    }
+    guide = next(k for k, part in enumerate(parts) if part.path.endswith("far_lower"))
+    np.testing.assert_allclose(each[guide].vertices.mean(0), parts[guide].placement[:3, 3], atol=1e-6)
+    assert all(mesh.colours is None for mesh in each)
+
+
+def test_what_moves_together_is_one_object(model):
+    """A browser is given one object per body, pulley, disc, mark and cable side, one for the base and one of arrows."""
+    scene = build_scene(model, contacts=(0, 1, 1))
+    commands = [umsgpack.unpackb(command) for command in scene_commands(scene)]
+    paths = [command["path"].strip("/") for command in commands if command["type"] == "set_object"]
+    assert sorted(paths) == sorted([*scene.rigid_paths, *scene.line_paths, "robot/base", "robot/forces"])
+
+
+def test_arrows_stand_where_the_forces_act(model):
+    """Each arrow leaves the point of contact along its force, a fifth of the reach long at full force."""
+    scene, q = build_scene(model, contacts=(-1, 1)), np.array([[0.4, -0.3, 0.1]])
+    point, force = np.array([[[0.1, 0.0, 0.0], [0.2, 0.1, 0.0]]]), np.array([[[0.0, 5.0, 0.0], [10.0, 0.0, 0.0]]])
+    arrows = frames(scene, q, Display(force=force, point=point, full_force=10.0)).arrows[0]
+    pose = body_poses(scene.chain, q)[0, 1]
+    np.testing.assert_allclose(arrows[0], [[0.1, 0, 0], [0.1, 0.1 * scene.size, 0]], atol=1e-12)
+    np.testing.assert_allclose(arrows[1, 0], pose[:3, :3] @ point[0, 1] + pose[:3, 3], atol=1e-12)
+    np.testing.assert_allclose(arrows[1, 1] - arrows[1, 0], 0.2 * scene.size * pose[:3, 0], atol=1e-12)
+
+
+def test_many_times_at_once_are_each_time_by_itself(model):
+    """Frames placed ahead are those that are placed one by one."""
+    show = show_recording(model, view_cases.recording(model), forces=True)
+    times = np.array([0.0, 0.013, 7.7, show.duration, show.duration + 1.0])
+    together = pack_frames(frame_at(show, times, {}))
+    np.testing.assert_allclose(together, np.vstack([pack_frames(frame_at(show, t, {})) for t in times]), atol=1e-6)
+
+
 def test_the_camera_holds_everything(model):
     """All points of the motion lie in the ball the camera looks at; gravity points down in the viewer."""
     scene, (_, q, _, _) = build_scene(model), view_cases.motion()
@@ -161,6 +222,9 @@ def test_the_camera_holds_everything(model):
     placed = frames(scene, q[::50])
     points = np.vstack([line.reshape(-1, 3) for line in placed.lines]) @ scene.upright[:3, :3].T
     assert np.linalg.norm(points - centre, axis=1).max() <= radius + 1e-9
+    held, tip = outermost(scene, q), body_poses(scene.chain, q)[:, -1] @ np.array([0.6, 0.0, 0.0, 1.0])
+    reached = np.vstack([points, tip[:, :3] @ scene.upright[:3, :3].T])
+    assert (reached.max(0) <= held.max(0) + 0.02).all() and (reached.min(0) >= held.min(0) - 0.02).all()
     np.testing.assert_allclose(scene.upright[:3, :3] @ [0, -1, 0], [0, 0, -1], atol=1e-12)
 
 
@@ -169,7 +233,8 @@ def test_packed_frames_fit_their_layout(model):
     t, q, _, _ = view_cases.motion(seconds=1.0)
     for show in (show_model(model), show_ghosts(model, t, {"recorded": q, "rigid": q, "completed": q})):
         plan = layout(show.scenes)
-        width = 12 * len(plan["rigid"]) + 3 * sum(line["points"] for line in plan["lines"]) + 4 * len(plan["colours"])
+        points = sum(thing["rings"] for thing in [*plan["lines"], *plan["arrows"]])
+        width = 12 * len(plan["rigid"]) + 3 * points + 4 * len(plan["colours"])
         packed = pack_frames(frame_at(show, 0.0, {}))
         assert packed.shape == (1, width) and np.isfinite(packed).all()
 

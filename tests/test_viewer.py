@@ -7,6 +7,7 @@ import os
 import re
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import time
@@ -26,8 +27,11 @@ from cdm_pin.identify import identify
 from cdm_pin.manipulator import save_manipulator
 from cdm_pin.recording import save_recording
 from cdm_pin.report import write_report
-from cdm_pin.show import show_model, show_recording
+from cdm_pin.scene_mesh import TUBE, tube
+from cdm_pin.scene_meshcat import pack_frames
+from cdm_pin.show import frame_at, show_model, show_recording
 from cdm_pin.viewer import Listener, Viewer, link, listen, watch
+from cdm_pin.viewer_server import RATE, Player
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +60,10 @@ def count_near(image: np.ndarray, colour, tolerance: float = 60.0) -> int:
     return int((np.linalg.norm(image - np.array(colour), axis=2) < tolerance).sum())
 
 
+def count_changed(one: np.ndarray, other: np.ndarray) -> int:
+    return int((np.abs(one - other).max(2) > 20).sum())
+
+
 def only_local(requests: list[str], *allowed: str) -> bool:
     return bool(requests) and all(address.startswith((*allowed, "data:", "blob:")) for address in requests)
 
@@ -67,12 +75,18 @@ def test_live_page_shows_robot_cables_and_highlight(browser, model, show):
         browser.wait_for("window.cdm && cdm.frames > 3")
         names = browser.evaluate("Object.keys(cdm.viewer.scene_tree.children.robot.children)")
         assert {"body_1", "body_2", "winch_2", "cable_1_upper", "cable_2_lower", "mark_joint_2"} <= set(names)
-        segments = browser.evaluate("Object.keys(cdm.viewer.scene_tree.find(['robot','cable_2_upper']).children)")
-        assert len(segments) == show_paths(show)[2].shape[1] - 1
+        triangles = browser.evaluate("node('robot/cable_2_upper/<object>').object.geometry.index.count") / 3
+        assert triangles == 2 * TUBE * (show_paths(show)[2].shape[1] - 1)
         browser.call("Runtime.evaluate", expression="byId('side').hidden = true; send({seek: 1.0, playing: false})")
         browser.wait_for("!playing")
         time.sleep(0.3)
         before = pixels(browser.screenshot())
+        for name in ("body_1", "body_2", "winch_2", "joint_1_pulley_2", "cable_1_upper", "cable_2_upper"):
+            see = f"node('robot/{name}').object.visible = %s; viewer.set_dirty()"
+            browser.evaluate(see % "false")
+            time.sleep(0.2)
+            assert count_changed(before, pixels(browser.screenshot())) > 25, name
+            browser.evaluate(see % "true")
         viewer.tell(**link(view_cases.diagnosis()))
         browser.wait_for("document.querySelector('.chip.sure')")
         time.sleep(0.5)
@@ -91,20 +105,23 @@ def show_paths(show):
 
 
 def test_cables_in_the_page_lie_where_python_put_them(browser, show):
-    """The segments that the page draws run from point to point of the cable paths."""
+    """The rings of vertices between which the page draws a cable stand about the points of its path."""
     with Viewer(show) as viewer:
         browser.visit(viewer.url)
         browser.wait_for("window.cdm && cdm.frames > 3")
         browser.evaluate("send({seek: 0.0, playing: false})")
-        browser.wait_for("!playing && cdm.frames > 5 && byId('seek').value < 0.01")
+        browser.wait_for("!playing && byId('seek').value < 0.01")
         time.sleep(0.4)
-        get = "(() => { const o = cdm.viewer.scene_tree.find(['robot','cable_2_upper','%d']).object;"
-        get += "return [o.position.toArray(), o.scale.toArray()]; })()"
-        path = show_paths(show)[2][0]
-        for k in (0, 9, len(path) - 2):
-            middle, scale = browser.evaluate(get % k)
-            np.testing.assert_allclose(middle, (path[k] + path[k + 1]) / 2, atol=1e-5)
-            assert scale[1] == pytest.approx(np.linalg.norm(path[k + 1] - path[k]), abs=1e-5)
+        get = "(() => { const g = node('robot/%s/<object>').object.geometry, i = Array.from(g.index.array);"
+        get += "return [i, [...new Set(i)].sort((a, b) => a - b).map(k => Array.from(g.attributes.position.array"
+        get += ".subarray(3 * k, 3 * k + 3)))]; })()"
+        for name, path in (("cable_1_lower", show_paths(show)[1][0]), ("cable_2_upper", show_paths(show)[2][0])):
+            index, vertices = browser.evaluate(get % name)
+            rings = np.array(vertices).reshape(len(path), TUBE, 3)
+            np.testing.assert_allclose(rings.mean(1), path, atol=1e-5)
+            across = np.linalg.norm(rings - path[:, None], axis=2)
+            np.testing.assert_allclose(across, show.scenes[0].cable_radius, atol=1e-5)
+            np.testing.assert_array_equal(np.array(index) - min(index), tube(len(path)).faces.ravel())
 
 
 def test_play_pause_seek_and_speed(browser, show):
@@ -114,6 +131,10 @@ def test_play_pause_seek_and_speed(browser, show):
         browser.wait_for("window.cdm && cdm.frames > 2")
         browser.evaluate("byId('play').click()")
         browser.wait_for("byId('play').textContent === 'Play'")
+        time.sleep(0.3)
+        count = browser.evaluate("cdm.frames")
+        time.sleep(0.5)
+        assert browser.evaluate("cdm.frames") == count  # nothing changes, nothing is drawn
         browser.evaluate("byId('seek').value = 7; byId('seek').oninput(); byId('seek').onchange()")
         browser.wait_for("byId('time').textContent.startsWith('7.0 /')")
         browser.evaluate("byId('speed').value = '10'; byId('speed').onchange(); byId('play').click()")
@@ -185,6 +206,31 @@ def test_report_reads_without_javascript(browser, tmp_path):
     assert count_near(image, (213, 94, 0), 30) > 300  # the verdict's mark and the ring on joint 2
     assert only_local(browser.requests, path.as_uri())
     assert browser.evaluate("document.documentElement.scrollWidth <= innerWidth")  # no sideways scrolling at 500 px
+
+
+def test_frames_placed_ahead_are_those_of_their_time(show, monkeypatch):
+    """Through play, seek, other speeds, the end of the motion and news a frame is within half a tick of its time."""
+    clock = [100.0]
+    monkeypatch.setattr("cdm_pin.viewer_server.time.monotonic", lambda: clock[0])
+    player = Player(show)
+
+    def check(times):
+        for _ in range(times):
+            clock[0] += 1 / RATE + 0.004 * np.sin(37 * clock[0])
+            player.tick()
+            kind, t = struct.unpack("<If", player.frame()[:8])
+            late = abs(t - player.now) % show.duration
+            assert kind == 1 and min(late, show.duration - late) <= 0.51 * player.speed / RATE
+            expected = pack_frames(frame_at(show, float(t), player.shown))[0]
+            np.testing.assert_allclose(np.frombuffer(player.frame()[8:], "<f4"), expected, atol=2e-4)
+
+    check(40)
+    player.asked({"seek": show.duration - 0.3, "speed": 2.0})
+    check(20)
+    player.told({"accepted_at": [{"kind": "joint", "index": 2}]})
+    check(3)
+    player.asked({"playing": False, "seek": 3.0})
+    assert player.frame() is player.frame() and struct.unpack("<f", player.frame()[4:8])[0] == 3.0
 
 
 def test_no_browser_ever_comes(show):
