@@ -171,13 +171,12 @@ def score(
 
 
 def describe(location: Mapping[str, Any]) -> str:
-    """Say a location in a few words."""
-    parts = [str(location["kind"])]
-    for key in ("index", "weights"):
-        if key in location:
-            parts.append(str(location[key]))
-    parts += [f"{key} {location[key]}" for key in ("link", "joint", "other") if key in location]
-    return " ".join(parts)
+    """Say a location in a few words: ``"joint 2"``, ``"cable 3 on link 1"``, ``"motor 2 with joint 1"``."""
+    kind = str(location["kind"])
+    words = {"index": "", "weights": "", "link": "on link ", "joint": "at joint ", "other": f"with {kind} "}
+    if kind == "motor":
+        words["joint"] = "with joint "
+    return " ".join([kind, *(f"{word}{location[key]}" for key, word in words.items() if key in location)])
 
 
 def in_rigid_body(effect: Mapping[str, Any], n: int, positions: str) -> bool:

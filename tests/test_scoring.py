@@ -7,7 +7,7 @@ import copy
 import numpy as np
 import pytest
 
-from cdm_pin.scoring import same, score, sliding_weights
+from cdm_pin.scoring import describe, same, score, sliding_weights
 
 
 def place(kind, index=None, **more):
@@ -213,3 +213,12 @@ def test_sliding_weights_are_normalised():
     np.testing.assert_allclose(sliding_weights(place("combination", weights=[0.0, -2.0, 1.0]), 3), [0, 1, -0.5])
     np.testing.assert_allclose(sliding_weights(place("joint", 2), 3), [1, -1, 0])
     assert sliding_weights(place("base"), 3) is None
+
+
+def test_places_are_said_in_words():
+    """A place of two parts says how they belong together."""
+    assert describe(place("motor", 2)) == "motor 2" and describe({"kind": "base"}) == "base"
+    assert describe(place("motor", 2, joint=1)) == "motor 2 with joint 1"
+    assert describe(place("cable", 2, joint=1)) == "cable 2 at joint 1"
+    assert describe(place("cable", 3, link=1)) == "cable 3 on link 1"
+    assert describe(place("joint", 1, other=3)) == "joint 1 with joint 3"
