@@ -70,6 +70,12 @@ def cpu_seconds(root: int) -> float:
     return total
 
 
+def busy_seconds() -> float:
+    """Processor time that everything on this machine has used so far [s]."""
+    fields = [int(field) for field in Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:9]]
+    return (sum(fields) - fields[3] - fields[4]) / os.sysconf("SC_CLK_TCK")  # all but idle and waiting
+
+
 def nobody(step: str, fraction: float, **news) -> None:
     """Listen to nothing."""
 
@@ -85,20 +91,26 @@ def main() -> None:
     model = load_model(ROOT / "urdf" / "cdm2.yaml")
     show = show_recording(model, record(model), forces=True)
     work(model, 1.0, nobody)
-    alone, watched, frames, cores = [], [], [], []
+    alone, watched, frames, cores, others = [], [], [], [], []
     for _ in range(args.rounds):
+        busy, used = busy_seconds(), time.process_time()
         alone.append(work(model, args.seconds, nobody))
+        beside = busy_seconds() - busy - (time.process_time() - used)
         with Viewer(show) as viewer, Browser(500, 400) as browser:
             browser.visit(viewer.url)
             browser.wait_for("window.cdm && cdm.frames > 5")
             pids = (viewer.process.pid, browser.process.pid)
             before, used, start = browser.evaluate("cdm.frames"), sum(map(cpu_seconds, pids)), time.perf_counter()
+            busy, own = busy_seconds(), time.process_time()
             watched.append(work(model, args.seconds, Listener(viewer)))
             elapsed = time.perf_counter() - start
             frames.append((browser.evaluate("cdm.frames") - before) / elapsed)
             cores.append((sum(map(cpu_seconds, pids)) - used) / elapsed)
+            by_others = busy_seconds() - busy - (time.process_time() - own) - cores[-1] * elapsed
+            others.append((max(beside, 0.0) / args.seconds, max(by_others, 0.0) / elapsed))
     loss = 1 - np.array(watched) / np.array(alone)
     print(f"load of the machine {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+    print(f"cores taken by others, alone and watched: {', '.join(f'{a:.1f} {b:.1f}' for a, b in others)}")
     (blocks, own), (blocks_watched, own_watched) = np.median(alone, axis=0), np.median(watched, axis=0)
     print(f"blocks a second: alone {blocks:.0f}, with viewer and browser {blocks_watched:.0f}")
     print(f"blocks a second of its own processor time: alone {own:.0f}, with viewer and browser {own_watched:.0f}")
