@@ -12,7 +12,7 @@ import numpy as np
 from . import findings as fi
 from .base import base_parameters, massive_columns
 from .consistency import nearest_standard
-from .effects import Candidate
+from .effects import Candidate, Place, axis_places
 from .explain import Explanation, Found, explain, explained, patch
 from .geometry import Manipulator, Vector, frozen_array
 from .model import CableModel
@@ -21,10 +21,13 @@ from .problem import Problem, make_problem
 from .recording import Recording
 from .replay import Replay, simulated_position
 from .replay_runs import replay_runs
-from .selection import Fit, ProgressCallback, Search, Settings, errors, rms, updated_model
+from .selection import Fit, ProgressCallback, Search, Settings, errors, rms
+from .spectra import wandering
 
 ONCE = ("external_torque", "unnamed_time", "unnamed_wear", "unnamed_gain_drift", "unnamed_tone")
 """What happens at a time of its own: another recording cannot judge it."""
+WANDERING = 300.0
+"""Slow power over quick power that no noise of a torque's measurement has; a drift that is no fault stays below 30."""
 SCHEMA = "cdm_pin.diagnosis/1"
 
 
@@ -101,13 +104,15 @@ def diagnose(
     if reason:
         return Diagnosis(_insufficient(problem, reason), model, model.manipulator)
     base = base_parameters(model, columns=massive_columns(model))
-    search = _linearised(Search(problem, base, settings), [], 1)
+    search = Search(problem, base, settings)
+    search = search.about(search.fit([]))
     explanation = explain(search, progress)
-    search, explanation = _settle(explanation.search, explanation)
+    search = explanation.search
     judge = None
     if unseen:
-        judge = Search(make_problem(search.problem.model, unseen, problem.band), base, settings, search.held)
-        judge = judge.with_loads(explanation.fit)
+        fit = explanation.fit
+        seen = make_problem(search.problem.model, unseen, problem.band)
+        judge = Search(seen.with_loads(list(zip(fit.effects, fit.beta, strict=True))), base, settings, search.held)
     if judge is not None:
         explanation = _judged(search, judge, explanation)
     say("sensitivities", 0.95)
@@ -120,7 +125,7 @@ def _judged(search: Search, judge: Search, explanation: Explanation) -> Explanat
     What is left is judged again each time, for it may have helped only against what was withdrawn.
     """
     for turn in range(5):
-        explanation = _named_after_all(search, judge, explanation)
+        explanation = _reconsidered(search, judge, explanation)
         kept = [f for j, f in enumerate(explanation.found) if _helps(judge, explanation, j)]
         if len(kept) == len(explanation.found):
             break
@@ -132,17 +137,28 @@ def _judged(search: Search, judge: Search, explanation: Explanation) -> Explanat
     return explanation
 
 
-def _named_after_all(search: Search, judge: Search, explanation: Explanation) -> Explanation:
-    """Let a law stand where a correction without a name explains hardly more, and less on the unseen recordings."""
+def _reconsidered(search: Search, judge: Search, explanation: Explanation) -> Explanation:
+    """Let the unseen recordings choose between laws that the others hardly tell apart.
+
+    A named law takes the place of another one where the evidence of all recordings is clearly for it, and that of a
+    correction without a name where it does better on the unseen ones.
+    """
+    whitener = explanation.fit.whitener
     for j, found in enumerate(explanation.found):
-        if found.candidate.named or found.candidate.effect.name in ONCE:
+        if found.candidate.effect.name in ONCE:
             continue
-        near = [c for c, difference in found.rivals if c.named and difference > -15.0 - 0.02 * found.score.statistic]
-        for rival in near[:2]:
-            others = [f.candidate for i, f in enumerate(explanation.found) if i != j]
-            whitener = explanation.fit.whitener
-            named, unnamed = (search.fit([*others, c], whitener) for c in (rival, found.candidate))
-            if _unseen(judge, named) < _unseen(judge, unnamed):
+        size = len(search.columns(found.candidate)[0]) + found.candidate.extra
+        near = [(c, d) for c, d in found.rivals if c.named and d > -15.0 - 0.02 * found.score.statistic]
+        near = [(c, d) for c, d in near if len(search.columns(c)[0]) + c.extra <= size][:3]
+        others = [f.candidate for i, f in enumerate(explanation.found) if i != j]
+        if not near:
+            continue
+        own = _unseen(judge, search.fit([*others, found.candidate], whitener))
+        for rival, difference in near:
+            other = _unseen(judge, search.fit([*others, rival], whitener))
+            scale = max(min(own, other) / max(judge.body(whitener).data.size, 1), 1.0)
+            better = other < own if not found.candidate.named else difference + 0.5 * (own - other) / scale > 10.0
+            if better:
                 return explained(search, explanation.bank, [*others, rival])
     return explanation
 
@@ -186,25 +202,6 @@ def _insufficient(problem: Problem, reason: str) -> dict[str, Any]:
     }
 
 
-def _linearised(search: Search, effects: Sequence[Candidate], rounds: int) -> Search:
-    """Move the model to the fitted base parameters, about which first-order columns are taken."""
-    for _ in range(rounds):
-        fit = search.fit(effects)
-        moved = updated_model(search.problem.model, search.base, fit.base)
-        search = Search(search.problem.with_model(moved), search.base, search.settings, search.held)
-    return search
-
-
-def _settle(search: Search, explanation: Explanation) -> tuple[Search, Explanation]:
-    """Take the columns of what was found about the completed model, and fit again."""
-    if not explanation.found:
-        return search, explanation
-    candidates = [f.candidate for f in explanation.found]
-    search = _linearised(search, candidates, 2)
-    search = search.with_loads(search.fit(candidates))
-    return search, _restricted(search, explanation, explanation.found)
-
-
 def _restricted(search: Search, explanation: Explanation, found: Sequence[Found]) -> Explanation:
     """Give the explanation with only these findings, fitted anew."""
     candidates = [f.candidate for f in found]
@@ -224,17 +221,15 @@ def _weighted(search: Search, errors: Sequence[Vector], level: Vector) -> float:
 def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
     """Whether finding `j` lowers the error on the unseen recordings as it should, and does not raise it anywhere.
 
-    In whitened units it should lower it by its statistic, in proportion to the samples; a tenth is asked for.
+    Where it is right, the whitened sum of squares falls by that of what it changes there; a tenth is asked for.
     """
     found, fit = explanation.found[j], explanation.fit
     if fit.effects[j].effect.name in ONCE:
         return True
     without = explanation.search.fit([c for i, c in enumerate(fit.effects) if i != j], fit.whitener)
-    whole, rest = _unseen(judge, fit), _unseen(judge, without)
-    share = sum(b - a for run in judge.problem.segments for a, b in run) / max(
-        sum(b - a for run in explanation.search.problem.segments for a, b in run), 1
-    )
-    if rest - whole < max(6.0 * found.candidate.named, 0.1 * share * found.score.statistic):
+    change = [a - b for a, b in zip(_stacked(judge, fit), _stacked(judge, without), strict=True)]
+    due = _steady(judge, fit, change)
+    if _unseen(judge, without) - _unseen(judge, fit) < max(3.0 * found.candidate.named, 0.1 * due):
         return False
     level = np.maximum(noise_floor(judge, fit.effects), 1e-12)
     with_it, without_it = (_weighted(judge, errors(judge, f.base, f.effects, f.beta), level) for f in (fit, without))
@@ -242,8 +237,18 @@ def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
 
 
 def _unseen(judge: Search, fit: Fit) -> float:
-    """Sum the squares of a fit's error on the unseen recordings, in whitened units."""
-    return float(np.sum(judge.white(fit.whitener, _stacked(judge, fit)) ** 2))
+    """Sum the squares of a fit's error on the unseen recordings, in whitened units, drifting zeros aside."""
+    return _steady(judge, fit, _stacked(judge, fit))
+
+
+def _steady(judge: Search, fit: Fit, series: Sequence[Vector]) -> float:
+    """Sum the squares of whitened series after the drift of the sensors' zeros is taken out."""
+    banks = [np.concatenate([drift, x]) for drift, x in zip(judge.drifts, series, strict=True)]
+    W = judge.white(fit.whitener, banks)
+    A, b = W[:-1].T, W[-1]
+    scale = np.linalg.norm(A, axis=0)
+    Q = np.linalg.qr(A[:, scale > 0] / scale[scale > 0])[0]
+    return float(b @ b - np.sum((Q.T @ b) ** 2))
 
 
 def _stacked(judge: Search, fit: Fit) -> list[Vector]:
@@ -277,23 +282,25 @@ def _report(model: CableModel, search: Search, judge: Search | None, explanation
     named.sort(key=lambda j: -explanation.found[j].score.statistic)
     covariance, betas, shapes = fi.joint_covariance(search, fit)
     own_rigid = search.fit([])
-    items, records = [], []
+    stated = {}
     for j in named:
         found = explanation.found[j]
         index = np.r_[betas[j], shapes[j]]
         values = fi.parameters(found.candidate, fit.beta[j], covariance[np.ix_(index, index)])
-        if not (fi.is_known(values) and fi.is_admissible(found.candidate.effect, values)) or found.gain < 5.0:
-            continue
-        items.append(_finding(search, judge, explanation, j, values))
-        records.append(_record(found.candidate, values))
-    verdict = "unexplained" if patches else ("missing_physics" if items else "consistent")
-    unexplained = (
-        _unexplained(explanation, patches, search)
-        if patches
-        else _beyond_floor(search, judge, explanation, 3.0 if items else 2.0)
-    )
-    if unexplained is not None:
-        verdict = "unexplained"
+        if fi.is_known(values) and fi.is_admissible(found.candidate.effect, values) and found.gain >= 5.0:
+            stated[j] = values
+    if patches:
+        unexplained = _unexplained(explanation, patches, search)
+    else:
+        unexplained, excess = _beyond_floor(search, judge, explanation, 3.0 if stated else 2.0)
+        if unexplained is not None:
+            motor = unexplained["location"]["index"]
+            sure = [j for j in stated if fi.outweighs(model, explanation.found[j], motor, excess)]
+            stated = {j: stated[j] for j in sure}
+        unexplained = unexplained or _wandering(search, fit)
+    items = [_finding(search, judge, explanation, j, values) for j, values in stated.items()]
+    records = [_record(explanation.found[j].candidate, values) for j, values in stated.items()]
+    verdict = "unexplained" if unexplained else ("missing_physics" if items else "consistent")
     content = {
         "schema": SCHEMA,
         "verdict": verdict,
@@ -406,21 +413,63 @@ def _unexplained(explanation: Explanation, patches: Sequence[Found], search: Sea
 
 def _beyond_floor(
     search: Search, judge: Search | None, explanation: Explanation, limit: float
-) -> dict[str, Any] | None:
-    """Say where a residual is left that no correction describes either; None where it is near the floor."""
+) -> tuple[dict[str, Any] | None, float]:
+    """Say where a residual is left that no correction describes either; None where it is near the floor.
+
+    The second value is how large it is, as a sum of squares in units of the noise.
+    """
     fit, both = explanation.fit, [search] if judge is None else [search, judge]
-    rests = [rms(there, errors(there, fit.base, fit.effects, fit.beta)) for there in both]
+    rests = [there.left_over(fit.effects, smooth=False)[1].rms for there in both]
     floors = [np.maximum(noise_floor(there, fit.effects), 1e-12) for there in both]
     rest, ratio = rests[0], np.min(np.divide(rests, floors), axis=0)
     worst = int(np.argmax(ratio))
     if not search.problem.segments or ratio[worst] < limit:
-        return None
+        return None, 0.0
     motor = worst % search.problem.model.n_motors + 1
+    region = f"the error of motor {motor} is {ratio[worst]:.1f} times its noise, in no shape that was tried"
+    samples = fit.n_rows / search.problem.n_channels
     return {
         "location": {"kind": "motor", "index": motor},
         "time": None,
-        "region": f"the error of motor {motor} is {ratio[worst]:.1f} times its noise, in no shape that was tried",
+        "region": region,
         "rms": float(rest[worst]),
+        "nearest": [],
+    }, float(ratio[worst] ** 2 - 1) * samples
+
+
+def _wandering(search: Search, fit: Fit) -> dict[str, Any] | None:
+    """Say where a torque wanders slowly with time, in no repeatable way; None where it does not.
+
+    Its place is that joint or motor along whose coordinate the slow part of the residual lies.
+    """
+    problem, model = search.problem, search.problem.model
+    rest, noise = search.left_over(fit.effects, smooth=False)
+    m = model.n_motors
+    if not problem.torque or not problem.segments or np.max(wandering(noise)[:m]) < WANDERING:
+        return None
+    width = max(3, int(0.25 / max(float(noise.centres[0]), 1e-3)))
+    slow = []
+    for e, run in zip(rest, problem.segments, strict=True):
+        for a, b in run:
+            if b - a > 2 * width:
+                x = e[:m, a:b] - e[:m, a:b].mean(axis=1, keepdims=True)
+                slow.append(np.array([np.convolve(row, np.ones(width) / width, mode="valid") for row in x]))
+    if not slow:
+        return None
+    both = np.concatenate(slow, axis=1)
+    direction = np.linalg.svd(both, full_matrices=False)[0][:, 0]
+
+    def along(place: Place) -> float:
+        w = place.weights(model)
+        return abs(float(w @ direction)) / float(np.linalg.norm(w))
+
+    place = max(axis_places(model), key=along).location
+    words = f"{place['kind']} {place['index']}"
+    return {
+        "location": {"kind": place["kind"], "index": place["index"]},
+        "time": None,
+        "region": f"torque on {words} that wanders slowly with time",
+        "rms": float(np.sqrt(np.mean(np.sum(both**2, axis=0)))),
         "nearest": [],
     }
 

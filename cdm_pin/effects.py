@@ -14,6 +14,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from .geometry import Vector
 from .model import CableModel
@@ -114,10 +115,15 @@ class Effect:
         encoder steps, filters and standstill make of it), or how the elements of a hysteresis are spread.
     follows : bool
         Whether the columns depend on the torques that other effects bring.
+    weighs : bool
+        Whether the columns depend on the robot's inertial parameters.
+    moves : callable, optional
+        Motion, place, coefficients -> the motion about which first-order columns become exact for these coefficients.
     carried : bool
         Whether the drive carries the effect's torque; what the logger adds it does not.
     error : float
-        Share of itself that the law may be wrong by; what else is found at the same time has to be larger.
+        Share of itself that the law may be wrong by; what else is found at the same time has to be larger. How a sign
+        of velocity passes through zero is counted apart (`Candidate.doubts`).
     exact_travel : bool
         Whether the kinematic column is exact where the torque's is not.
     confounded : tuple of str
@@ -138,13 +144,16 @@ class Effect:
     exact: bool = True
     exact_travel: bool = False
     follows: bool = False
+    weighs: bool = False
+    moves: Callable[[Motion, Place, Vector], Motion] | None = None
     carried: bool = True
-    error: float = 0.03
+    error: float = 0.01
     detail: Callable[[Motion, Place, Shape, float], list[Vector]] | None = None
     confounded: tuple[str, ...] = ()
     revealed_by: str = ""
     reference: str = ""
     nuisance_shape: int = field(default=0)  # leading elements of the shape that are smoothing, not physics
+    counts: bool = True  # whether its shape counts as parameters beside its coefficients
     reach: float = 0.35  # share of the (logarithmic) range of a shape that one estimate may move through
     inverse: Callable[[dict[str, float]], tuple[list[float], list[float]]] | None = None  # of `physical`
 
@@ -205,6 +214,15 @@ def all_motor_places(model: CableModel) -> list[Place]:
     nj, nm = model.n_joints, model.n_motors
     aliases = [({"kind": "cable", "index": i + 1, "link": 0},) if model.manipulator.links else () for i in range(nm)]
     return [Place({"kind": "motor", "index": i + 1}, (0.0,) * nj, _unit(nm, i), (i,), aliases[i]) for i in range(nm)]
+
+
+def twin_places(model: CableModel, place: Place) -> list[Place]:
+    """Other joints and motors that turn with a place at a constant ratio; a wrong cable map parts them."""
+    if not len(place.A) or place.is_pair:
+        return []
+    own = place.weights(model)
+    sides = joint_places(model) if any(place.B) else all_motor_places(model)
+    return [other for other in sides if _parallel(other.weights(model), own)]
 
 
 def guide_places(model: CableModel) -> list[Place]:
@@ -351,7 +369,10 @@ def _sign(motion: Motion, place: Place, shape: Shape) -> Vector:
 
 
 def _transition(motion: Motion, place: Place, shape: Shape, scale: float) -> list[Vector]:
-    v = _speed(motion, place)
+    return _transitions(_speed(motion, place), scale)
+
+
+def _transitions(v: Vector, scale: float) -> list[Vector]:
     signs = [np.tanh(v / (f * scale)) for f in (0.35, 0.9, 2.0)]
     return [signs[0] - signs[1], signs[1] - signs[2]]
 
@@ -361,7 +382,6 @@ STOPS = (0.3, 0.8, 2.0, 5.0)
 
 
 def _stops(motion: Motion, place: Place, shape: Shape, scale: float) -> list[Vector]:
-    place = _paired(place, shape)
     x = _position(motion, place)
     return [maxwell(x, f * scale * shape[0], 1.0) for f in STOPS]
 
@@ -465,45 +485,53 @@ def maxwell(x: Vector, distance: float, spread: float) -> Vector:
 
 
 def _hysteresis(motion: Motion, place: Place, shape: Shape) -> Columns:
-    place = _paired(place, shape)
     x = _position(motion, place)
     z = dahl(x, shape[0]) if shape[1] < 0.5 else maxwell(x, shape[0], 1.0 + 4.0 * (shape[1] - 0.5))
     return _rub(motion, place, z)
 
 
-def _paired(place: Place, shape: Shape) -> Place:
-    """Give the coordinate of two motors at the ratio of speeds that the shape tells; another place as it is."""
+RATIOS = (-1.8, -0.7, 0.7, 1.8)
+"""Ratios of speeds of two motors that are screened."""
+
+
+def paired(place: Place, shape: Shape) -> tuple[Place, Shape]:
+    """Give the coordinate of two motors at the ratio of speeds that ends the shape; another place as it is.
+
+    The larger weight is one.
+    """
     if not place.is_pair:
-        return place
-    ratio = shape[2]
-    weights = ratio * (np.arange(len(place.B)) == place.index[0]) + (np.arange(len(place.B)) == place.index[1])
+        return place, shape
+    pair = np.array([shape[-1], 1.0])
+    weights = np.zeros(len(place.B))
+    weights[list(place.index)] = pair / pair[np.argmax(np.abs(pair))]
     location = {"kind": "combination", "weights": [round(float(w), 4) for w in weights]}
-    return replace(place, location=location, B=tuple(weights))
+    return replace(place, location=location, B=tuple(map(float, weights))), shape[:-1]
 
 
 def at_known_place(candidate: Candidate, model: CableModel, alike: float = 0.9995) -> Candidate:
     """Give two motors' coordinate the name of a joint, a motor or a cable where it is the same within 3 %."""
     if not candidate.place.is_pair:
         return candidate
-    w = np.array(_paired(candidate.place, candidate.shape).B)
+    pair, shape = paired(candidate.place, candidate.shape)
+    w = np.array(pair.B)
     for place in rub_places(model):
         own = place.weights(model)
         if abs(own @ w) > alike * np.linalg.norm(own) * np.linalg.norm(w):
-            distance = candidate.shape[0] * float(np.linalg.norm(own) / np.linalg.norm(w))
-            return replace(candidate, place=place, shape=(distance, candidate.shape[1]))
+            scale = float(np.linalg.norm(own) / np.linalg.norm(w))
+            return replace(candidate, place=place, shape=(*(x * scale for x in shape[:1]), *shape[1:]))
     return candidate
 
 
 def _hysteresis_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
     r = reach(motions, place)
     if place.is_pair:
-        return [(f * r, 0.0, ratio) for f in (0.02, 0.1) for ratio in (-0.9, -0.45, 0.45, 0.9)]
+        return [(0.02 * r, 0.0), (0.1 * r, 0.0)]
     return [(f * r, form) for f in (0.01, 0.03, 0.1, 0.3) for form in (0.0, 0.75)]
 
 
 def _hysteresis_bounds(motions: Sequence[Motion], place: Place) -> list[tuple[float, float]]:
     r = reach(motions, place)
-    return [(0.003 * r, 1.0 * r), (0.0, 1.0), (-1.2, 1.2)]
+    return [(0.003 * r, 1.0 * r), (0.0, 1.0)]
 
 
 def _drift(motion: Motion, place: Place, shape: Shape) -> Columns:
@@ -605,6 +633,11 @@ def _load_bounds(motions: Sequence[Motion], place: Place) -> list[tuple[float, f
     return [(0.5 * grid[0][0], 1.1 * grid[-1][0])] if grid else []
 
 
+def _coupling_transition(motion: Motion, place: Place, shape: Shape, scale: float) -> list[Vector]:
+    i, k = place.index
+    return _transitions(motion.v_m[:, i] + shape[1] * motion.v[:, k], scale)
+
+
 def _coupling(motion: Motion, place: Place, shape: Shape) -> Columns:
     i, k = place.index
     s = motion.v_m[:, i] + shape[1] * motion.v[:, k]
@@ -624,6 +657,23 @@ def motor_joint_places(model: CableModel) -> list[Place]:
         for k in range(nj)
         if k != i
     ]
+
+
+def coupled_alike(model: CableModel, candidate: Candidate) -> list[dict[str, Any]]:
+    """List the motors and joints whose coupling, at a ratio of its own, is the same combination of motors."""
+    if candidate.effect.name != "transmission_coupling":
+        return []
+    E, eye = model.joint_from_motor, np.eye(model.n_motors)
+    i, k = candidate.place.index
+    w = eye[i] + candidate.shape[1] * E[k]
+    out = []
+    for place in motor_joint_places(model):
+        pair = np.stack([eye[place.index[0]], E[place.index[1]]], axis=1)
+        x = np.linalg.lstsq(pair, w, rcond=1e-9)[0]
+        alike = np.linalg.norm(pair @ x - w) < 1e-6 * np.linalg.norm(w)
+        if alike and place.index != (i, k) and 0.0 < abs(x[1]) <= 1.5 * abs(x[0]):
+            out.append(place.location)
+    return out
 
 
 def _ripple(motion: Motion, place: Place, shape: Shape) -> Columns:
@@ -659,7 +709,8 @@ def _encoder(motion: Motion, place: Place, shape: Shape) -> Columns:
     d = np.zeros_like(motion.q)
     d[:, k] = -1.0
     zero = np.zeros_like(d)
-    torque = motion.torque_change(d, (zero, zero))[..., None]
+    half = motion if motion.offset is None else replace(motion, q=motion.q - 0.5 * motion.offset)
+    torque = half.torque_change(d, (zero, zero))[..., None]
     if not (motion.joints_measured and motion.motors_measured):
         return Columns(torque)
     x = motion.arm_scale * motion.model.motor_from_joint[:, k]
@@ -670,15 +721,28 @@ def _tilt(motion: Motion, place: Place, shape: Shape) -> Columns:
     from .dynamics import inverse_dynamics
 
     model, g = motion.model, motion.model.chain.gravity
+    axes = _tilt_axes(model)
+    if motion.tilt is not None:
+        g = Rotation.from_rotvec(0.5 * np.array(motion.tilt[: len(axes)]) @ np.array(axes)).inv().apply(np.array(g))
     zero = np.zeros_like(motion.q)
     columns = []
-    for axis in _tilt_axes(model):
+    for axis in axes:
         turned = model.pin_model.copy()
         turned.gravity.linear = -np.cross(axis, g)
         columns.append(
             inverse_dynamics(replace(model, pin_model=turned), motion.q, zero, zero) @ model.joint_from_motor
         )
     return Columns(np.stack(columns, axis=-1))
+
+
+def _displaced(motion: Motion, place: Place, beta: Vector) -> Motion:
+    """Add an encoder's offset to those that are known."""
+    offset = np.zeros(motion.q.shape[1]) if motion.offset is None else motion.offset
+    return replace(motion, offset=offset + beta[0] * np.eye(len(offset))[place.index[0]])
+
+
+def _tilted(motion: Motion, place: Place, beta: Vector) -> Motion:
+    return replace(motion, tilt=tuple(map(float, beta)))
 
 
 def _tilt_axes(model: CableModel) -> list[Vector]:
@@ -819,7 +883,7 @@ CATALOGUE: dict[str, Effect] = {
         Effect(
             "viscous_friction",
             (Parameter("viscous", "N m s/rad", 0.0),),
-            axis_places,
+            lambda model: axis_places(model) + pair_places(model),
             _viscous,
             _named("viscous"),
             signs=(1,),
@@ -830,7 +894,7 @@ CATALOGUE: dict[str, Effect] = {
         Effect(
             "coulomb_friction",
             (Parameter("coulomb", _NM, 0.0),),
-            axis_places,
+            lambda model: axis_places(model) + pair_places(model),
             _coulomb,
             _named("coulomb"),
             _width_grid,
@@ -902,6 +966,7 @@ CATALOGUE: dict[str, Effect] = {
             reference="Hamon, Gautier, Garrec, IEEE/RSJ IROS 2010",
             nuisance_shape=1,
             detail=_transition,
+            weighs=True,
         ),
         Effect(
             "torque_dependent_friction",
@@ -917,6 +982,7 @@ CATALOGUE: dict[str, Effect] = {
             reference="Hamon, Gautier, Garrec, IEEE/RSJ IROS 2010",
             nuisance_shape=1,
             detail=_transition,
+            weighs=True,
         ),
         Effect(
             "position_dependent_friction",
@@ -929,8 +995,8 @@ CATALOGUE: dict[str, Effect] = {
             axis_places,
             _by_position,
             _position_physical,
-            _grid(_one_width, lambda m, p: np.array([1.5, 3.0, 4.5, 6.5, 9.0, 12.0]) / max(reach(m, p), 0.3)),
-            _bounds(lambda m, p: (1.0 / max(reach(m, p), 0.3), 16.0 / max(reach(m, p), 0.3))),
+            _grid(_one_width, lambda m, p: np.array([2.3, 3.2, 4.5, 6.5, 9.0, 12.0]) / max(reach(m, p), 0.3)),
+            _bounds(lambda m, p: (2.0 / max(reach(m, p), 0.3), 16.0 / max(reach(m, p), 0.3))),
             (1, 0, 0),
             confounded=("torque_dependent_friction", "capstan_friction"),
             revealed_by="slow strokes over the whole range, both ways",
@@ -969,6 +1035,7 @@ CATALOGUE: dict[str, Effect] = {
             reference="Euler-Eytelwein; to first order in mu",
             nuisance_shape=1,
             detail=_transition,
+            weighs=True,
         ),
         Effect(
             "hysteresis",
@@ -1094,8 +1161,8 @@ CATALOGUE: dict[str, Effect] = {
             inverse=lambda p: ([p.get("inertia", 0.0), p.get("viscous", 0.0), p.get("coulomb", 0.0)], [p["ratio"]]),
             reference=_MAP,
             nuisance_shape=1,
-            detail=_transition,
-            error=0.06,
+            detail=_coupling_transition,
+            error=0.02,
         ),
         Effect(
             "pulley_eccentricity",
@@ -1174,7 +1241,9 @@ CATALOGUE: dict[str, Effect] = {
             exact=False,
             exact_travel=True,
             carried=False,
-            error=0.08,
+            weighs=True,
+            moves=_displaced,
+            error=0.02,
             confounded=("base_tilt", "payload"),
             revealed_by="encoders on both sides, or a spirit level",
             reference="kinematic calibration",
@@ -1187,7 +1256,9 @@ CATALOGUE: dict[str, Effect] = {
             _named("angle", "angle_2"),
             signs=(0, 0),
             exact=False,
-            error=0.08,
+            weighs=True,
+            moves=_tilted,
+            error=0.02,
             confounded=("encoder_offset", "joint_spring"),
             revealed_by="a spirit level",
             reference="gravity turned in the base frame",
@@ -1201,6 +1272,7 @@ CATALOGUE: dict[str, Effect] = {
             lambda m, p: [(0.012,)],
             lambda m, p: [(1e-3, 0.15)],
             (1,),
+            counts=False,
             follows=True,
             carried=False,
             confounded=("viscous_friction", "cable_elasticity"),
@@ -1260,13 +1332,21 @@ class Candidate:
         """Effect, place and shape."""
         return self.key, self.shape, self.detail
 
+    @cached_property
+    def _here(self) -> tuple[Place, Shape]:
+        return paired(self.place, self.shape)
+
     def columns(self, motion: Motion) -> Columns:
         """Columns on one motion."""
-        columns = self.effect.columns(motion, self.place, self.shape)
+        columns = self.effect.columns(motion, *self._here)
         if not self.detail or columns.along is None or self.effect.detail is None:
             return columns
         series, w = columns.along
-        return Columns(along=(np.vstack([series, *self.effect.detail(motion, self.place, self.shape, self.detail)]), w))
+        return Columns(along=(np.vstack([series, *self.effect.detail(motion, *self._here, self.detail)]), w))
+
+    def bounds(self, motions: Sequence[Motion]) -> list[tuple[float, float]]:
+        """Give (lower, upper) of those elements of the shape that are estimated."""
+        return self.effect.bounds(motions, self.place) + ([(-3.0, 3.0)] if self.place.is_pair else [])
 
     def detailed(self, motions: Sequence[Motion]) -> Candidate:
         """Free what the law leaves open, where it leaves anything open."""
@@ -1275,9 +1355,31 @@ class Candidate:
         return replace(self, detail=sign_width(motions, self.place) if self.effect.nuisance_shape else 1.0)
 
     @property
+    def has_doubts(self) -> bool:
+        """Whether its law turns on the sign of a velocity."""
+        return bool(self.effect.nuisance_shape) and self.effect.detail is not None
+
+    def doubts(self, motion: Motion, beta: Vector, share: float = 0.2) -> Columns:
+        """Give what may be wrong about how its sign of velocity passes through zero.
+
+        Parameters
+        ----------
+        motion : Motion
+        beta : ndarray, shape (k,)
+        share : float
+            Of the torque, where nothing was left open; a quarter of it where that was (`detail`).
+        """
+        columns = self.columns(motion)
+        if self.effect.detail is None or columns.along is None:
+            return columns
+        series, w = columns.along
+        size = float(np.sqrt(np.mean((beta @ series[: len(beta)]) ** 2))) * share * (0.25 if self.detail else 1.0)
+        return Columns(along=(size * np.stack(self.effect.detail(motion, *self._here, self.shape[0])), w))
+
+    @property
     def location(self) -> dict[str, Any]:
         """Where it sits, in the words of the diagnosis format."""
-        return dict(_paired(self.place, self.shape).location)
+        return dict(self._here[0].location)
 
     @property
     def loads(self) -> bool:
@@ -1292,14 +1394,17 @@ class Candidate:
     @property
     def extra(self) -> int:
         """Number of nonlinear parameters that count as physics."""
-        counted = min(len(self.shape), 2 + self.effect.nuisance_shape) - self.effect.nuisance_shape
-        return counted + self.place.is_pair
+        own = len(self.shape) - self.place.is_pair if self.effect.counts else 0
+        return max(min(own, 2 + self.effect.nuisance_shape) - self.effect.nuisance_shape, 0) + self.place.is_pair
 
 
 def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motion:
     """Give the motion with the torques that effects bring, for those other effects that depend on them."""
+    motion = replace(motion, offset=None, tilt=None)
     joint, motor = np.zeros_like(motion.q), np.zeros_like(motion.q_m)
     for candidate, beta in effects:
+        if candidate.effect.moves is not None:
+            motion = candidate.effect.moves(motion, candidate.place, beta)
         if not candidate.loads:
             continue
         columns = candidate.columns(motion)

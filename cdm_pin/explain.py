@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .effects import Candidate, at_known_place
+from .effects import CATALOGUE, Candidate, at_known_place, twin_places
 from .events import Reporter
 from .selection import Bank, Fit, ProgressCallback, Score, Search, all_candidates, family_wise, tones
 from .whitening import Whitener
@@ -98,9 +98,37 @@ def explain(search: Search, progress: ProgressCallback | None = None) -> Explana
         if len(grown) < search.settings.at_once and accepted is grown:
             break
     say("rivals", 0.9)
-    explanation = explained(search, bank, prune(search, accepted))
+    search, accepted = settled(search, prune(search, accepted))
+    explanation = _simplest(explained(search, search.renewed(bank), accepted))
     say.looked(explanation.fit)
     return explanation
+
+
+def settled(search: Search, accepted: list[Candidate], rounds: int = 2) -> tuple[Search, list[Candidate]]:
+    """Take the columns of what was found about the completed model, and estimate all shapes together."""
+    if accepted:
+        for _ in range(rounds):
+            search = search.about(search.fit(accepted))
+            accepted = search.tuned(accepted, search.noise(accepted))
+        search = search.about(search.fit(accepted))
+    return search, accepted
+
+
+def _simplest(explanation: Explanation) -> Explanation:
+    """Let the simplest of those laws stand that the data cannot tell apart at a place."""
+    search, accepted = explanation.search, [f.candidate for f in explanation.found]
+
+    def size(c: Candidate) -> int:
+        return len(search.columns(c)[0]) + c.extra
+
+    for j, found in enumerate(explanation.found):
+        slack = max(search.settings.close, 0.5 * search.settings.law_error**2 * found.score.statistic)
+        near = [c for c, difference in found.rivals if difference > -slack and c.named == found.candidate.named]
+        here = [c for c in near if c.place.location == found.candidate.place.location]
+        accepted[j] = min([found.candidate, *here], key=size)
+    if accepted == [f.candidate for f in explanation.found]:
+        return explanation
+    return explained(search, explanation.bank, search.tuned(accepted, search.noise(accepted)))
 
 
 def explained(search: Search, bank: Bank, accepted: list[Candidate]) -> Explanation:
@@ -129,11 +157,48 @@ def _grow(search: Search, bank: Bank, accepted: list[Candidate], say: Reporter) 
         winner = _winner(search, clear, leaders)
         if winner is None:
             break
-        accepted = [*accepted, winner[0]]
-        search = search.with_loads(search.fit(accepted, clear.whitener))
+        accepted = search.tuned([*accepted, winner[0]], clear.whitener)
+        search = search.about(search.fit(accepted, clear.whitener))
         bank = search.renewed(bank)
         accepted = polish(search, bank, accepted)
+        accepted = search.tuned(accepted, search.clear(accepted))
+        search, bank, accepted = _sided(search, bank, accepted)
     return search, bank, accepted
+
+
+def _sided(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Search, Bank, list[Candidate]]:
+    """Put friction on that side of a wrong cable map, joint or motor, where it explains more.
+
+    Where the map is right the two are the same.
+    """
+    if not any(c.effect.follows for c in accepted):
+        return search, bank, accepted
+    whitener = search.clear(accepted)
+
+    def settled(effects: list[Candidate]) -> tuple[float, Search, list[Candidate]]:
+        there = search
+        for _ in range(2):
+            there = there.about(there.fit(effects, whitener))
+            effects = there.tuned(effects, whitener)
+        fit = there.fit(effects, whitener)
+        size = sum(len(there.columns(c)[0]) + c.extra for c in effects)
+        return fit.deviance + np.log(fit.n_rows) * size, there, effects
+
+    best = None
+    for j, candidate in enumerate(accepted):
+        if not (candidate.named and candidate.loads):
+            continue
+        for twin in twin_places(search.problem.model, candidate.place):
+            best = best or settled(accepted)
+            laws = [replace(candidate, place=twin)]
+            if candidate.effect.nuisance_shape and candidate.effect.name != "coulomb_friction":
+                plain = CATALOGUE["coulomb_friction"]
+                laws.append(Candidate(plain, twin, candidate.shape[:1], candidate.detail))
+            for law in laws:
+                other = settled([*accepted[:j], law, *accepted[j + 1 :]])
+                if other[0] < best[0] - 10.0:
+                    best = other
+    return (search, bank, accepted) if best is None else (best[1], best[1].renewed(bank), best[2])
 
 
 def patch(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candidate] | None:
@@ -294,7 +359,9 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
     near = [item for item in pool if gain(search, fit, *item) >= gain(search, fit, *top) - slack]
     best = min(near, key=lambda item: (item[1].k + item[0].extra, -_rough(gain(search, fit, *item))))
     known = at_known_place(best[0], search.problem.model)
-    return best if known is best[0] else (known, search.score(fit, known))
+    if known is best[0] or any(known.key == c.key for c in fit.effects):
+        return best
+    return known, search.score(fit, known)
 
 
 def _rough(x: float) -> float:
@@ -312,30 +379,30 @@ def _same_width(candidate: Candidate, other: Candidate) -> Candidate:
 def polish(search: Search, bank: Bank, accepted: list[Candidate], rounds: int = 2) -> list[Candidate]:
     """Look again at each effect given the others: let a better one take its place, or one take the place of two."""
     for _ in range(rounds):
-        before = {c.key for c in accepted}
+        before, whitener = {c.key for c in accepted}, search.clear(accepted)
         for j in range(len(accepted)):
             if not accepted[j].named:
                 continue
             others = [c for i, c in enumerate(accepted) if i != j]
-            fit = search.fit(others, search.clear(accepted))
+            fit = search.fit(others, whitener)
             rivals = _leaders(search, fit, bank, 6, others, instead=[accepted[j]])
             leaders = [c for c, _, _ in rivals if c.key != accepted[j].key]
             trial = _winner(search, fit, [accepted[j], *leaders])
             if trial is not None:
                 accepted = [*others[:j], trial[0], *others[j:]]
-        accepted = _merge(search, bank, accepted)
+        accepted = _merge(search, bank, accepted, whitener)
+        accepted = _split(search, bank, accepted, whitener)
         if {c.key for c in accepted} == before:
             break
     return accepted
 
 
-def _merge(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candidate]:
+def _merge(search: Search, bank: Bank, accepted: list[Candidate], whitener: Whitener) -> list[Candidate]:
     """Replace two effects by one where one explains as much."""
     for i in range(len(accepted)):
         for j in range(i + 1, len(accepted)):
             if not (accepted[i].named and accepted[j].named):
                 continue
-            whitener = search.clear(accepted)
             others = [c for k, c in enumerate(accepted) if k not in (i, j)]
             without = search.fit(others, whitener)
             pair = without.deviance - search.fit(accepted, whitener).deviance
@@ -346,6 +413,40 @@ def _merge(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candid
             slack = 0.02 * min(_alone(search, accepted, x, whitener) for x in (i, j))
             if single is not None and gain(search, without, *single) >= both - slack:
                 return [*others, single[0]]
+    return accepted
+
+
+def _split(search: Search, bank: Bank, accepted: list[Candidate], whitener: Whitener) -> list[Candidate]:
+    """Put two effects in the place of one that stood for both, where it and any next one explain less."""
+    whole = search.fit(accepted, whitener)
+    reached = whole.deviance < whole.n_rows + 4.0 * np.sqrt(2.0 * whole.n_rows)
+    for j, old in enumerate(accepted):
+        if not old.named or (reached and len(search.columns(old)[0]) + old.extra < 3):
+            continue
+        others = [c for i, c in enumerate(accepted) if i != j]
+        without = search.fit(others, whitener)
+        own = search.score(without, old)
+        after = [gain(search, whole, c, s) for c, s, _ in _leaders(search, whole, bank, 1, accepted)]
+        base = gain(search, without, old, own) + max([0.0, *after])
+        slack = 0.5 * search.settings.law_error**2 * own.statistic
+        best: tuple[float, list[Candidate]] | None = None
+        for leader, _, _ in _leaders(search, without, bank, 4 if reached else 7, others, instead=[old]):
+            if leader.key == old.key:
+                continue
+            if old.detail:
+                leader = leader.detailed(search.problem.motions)
+            first, s = search.refine(without, _same_width(leader, old))
+            beside = search.fit([*others, first], whitener)
+            second = _winner(search, beside, [c for c, _, _ in _leaders(search, beside, bank, 3, [*others, first])])
+            if second is None or not _passes(search, *second, 0.01, beside):
+                continue
+            value = gain(search, without, first, s) + gain(search, beside, *second)
+            simpler = s.k + first.extra + second[1].k + second[0].extra < own.k + old.extra
+            margin = -slack if simpler else 10.0 + 0.5 * old.effect.error**2 * own.statistic
+            if value > base + margin and (best is None or value > best[0]):
+                best = value, [*others[:j], first, *others[j:], second[0]]
+        if best is not None:
+            return best[1]
     return accepted
 
 

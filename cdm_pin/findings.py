@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
 
-from .effects import CATALOGUE, Candidate, Effect
+from .effects import CATALOGUE, Candidate, Effect, coupled_alike
 from .explain import Explanation, Found
 from .geometry import Vector
+from .model import CableModel
 from .selection import Fit, Score, Search
 from .whitening import log_p
 
@@ -22,21 +22,6 @@ Location = dict[str, Any]
 def location(candidate: Candidate) -> Location:
     """Give the location of a candidate in the words of the diagnosis format."""
     return candidate.location
-
-
-def shape_slopes(search: Search, candidate: Candidate, beta: Vector) -> list[list[Vector]]:
-    """Differentiate X(shape) beta by each element of the shape: columns in the band, one list of runs per element."""
-    slopes = []
-    free = len(candidate.effect.bounds(search.problem.motions, candidate.place))
-    for i, value in enumerate(candidate.shape[:free]):
-        h = 1e-2 * abs(value) or 1e-3
-        sides = []
-        for step in (h, -h):
-            shape = (*candidate.shape[:i], value + step, *candidate.shape[i + 1 :])
-            columns = search.problem.reduce(replace(candidate, shape=shape).columns)
-            sides.append([np.tensordot(beta, c.dense(), 1) for c in columns])
-        slopes.append([(a - b)[None] / (2 * h) for a, b in zip(*sides, strict=True)])
-    return slopes
 
 
 def joint_covariance(search: Search, fit: Fit) -> tuple[Vector, list[slice], list[slice]]:
@@ -49,7 +34,7 @@ def joint_covariance(search: Search, fit: Fit) -> tuple[Vector, list[slice], lis
         Where each effect's coefficients and shape stand.
     """
     own = [search.columns(c) for c in fit.effects]
-    slopes = [shape_slopes(search, c, b) for c, b in zip(fit.effects, fit.beta, strict=True)]
+    slopes = [search.slopes(c, b) for c, b in zip(fit.effects, fit.beta, strict=True)]
     banks = []
     for r in range(len(search.rigid)):
         parts = [search.rigid[r]]
@@ -161,8 +146,8 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
 
     slack = 0.5 * settings.law_error**2 * found.score.statistic
     for rival, difference in found.rivals:
-        if not rival.named or _size(search, rival) > _size(search, found.candidate):
-            continue  # a refinement that the data do not ask for is no rival
+        if not rival.named:
+            continue
         if difference > -max(settings.close, slack):
             add(rival.effect.name, rival.location)
         elif difference > -0.1 * found.gain - 30 and (
@@ -176,11 +161,9 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
             add("cable_friction", alias)
         elif alias["kind"] in kinds - {"cable"}:
             add(effect.name, alias)
+    for other in coupled_alike(search.problem.model, found.candidate):
+        add(effect.name, other)
     return out
-
-
-def _size(search: Search, candidate: Candidate) -> int:
-    return candidate.extra + search.columns(candidate)[0].shape[0]
 
 
 @lru_cache(maxsize=4096)
@@ -264,6 +247,16 @@ def absorbed(search: Search, explanation: Explanation, least: float = 0.02) -> l
         names = _absorbing(search, explanation.fit, columns, search.base.names)
         out.append({"effect": candidate.effect.name, "location": location(candidate), "parameters": names})
     return out
+
+
+def outweighs(model: CableModel, found: Found, motor: int, excess: float, least: float = 10.0) -> bool:
+    """Whether a finding stands on its own beside an error of one motor that nothing describes.
+
+    It does elsewhere; there its statistic has to be many times what is left, the whitened sum of squares `excess`.
+    """
+    place = found.candidate.place
+    elsewhere = len(place.A + place.B) > 0 and abs(place.weights(model)[motor - 1]) < 1e-9
+    return elsewhere or found.score.statistic > least * excess
 
 
 def is_sure(found: Found, score: Score, patches: Sequence[Found]) -> bool:

@@ -38,6 +38,10 @@ class Motion:
     extra_joint, extra_motor : ndarray, optional
         Torques beside the rigid body's, at the joints, shape (n, n_joints), and at the motors, shape (n, n_motors)
         [N m].
+    offset : ndarray, shape (n_joints,), optional
+        Known offsets of the joints' encoders [rad].
+    tilt : tuple of float, optional
+        Known tilt of the base, about the axes that `base_tilt` has [rad].
     """
 
     model: CableModel
@@ -55,6 +59,8 @@ class Motion:
     index: int = 0
     extra_joint: Vector | None = None
     extra_motor: Vector | None = None
+    offset: Vector | None = None
+    tilt: tuple[float, ...] | None = None
 
     @property
     def n(self) -> int:

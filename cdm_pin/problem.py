@@ -142,6 +142,11 @@ class Problem:
         return [run.motion for run in self.runs]
 
     @cached_property
+    def apart(self) -> np.ndarray:
+        """Which motors have an encoder of their own; what is computed from the joints tells nothing of the cable."""
+        return np.any([run.data[self.model.n_motors * self.torque :].any(axis=1) for run in self.runs], axis=0)
+
+    @cached_property
     def segments(self) -> list[Segments]:
         """Per run the stretches without gaps."""
         return [self.band.segments(run.signals.valid) for run in self.runs]
@@ -204,7 +209,7 @@ class Problem:
         if self.torque and columns.torque is not None:
             full[:, :m] = columns.torque.transpose(2, 1, 0)
         if self.kinematic and columns.kinematic is not None:
-            full[:, m * self.torque :] = columns.kinematic.transpose(2, 1, 0)
+            full[:, m * self.torque :] = columns.kinematic.transpose(2, 1, 0) * self.apart[:, None]
         lines = Lines.of(full)
         return Lines(self.band.reduce(lines.series), lines.weights, lines.owner, lines.n_columns)
 
@@ -292,8 +297,18 @@ def _parted(travel: Vector, band: Band, signals: Signals, model: CableModel, lim
         return False
     moved = np.concatenate([band.reduce(travel.T)[:, a:b] for a, b in inside], axis=1)
     share = min(1.0, 2 * band.cutoff / signals.rate)
-    noise = signals.noise["motor_position"] ** 2 + model.motor_from_joint**2 @ signals.noise["joint_position"] ** 2
-    return bool(np.any(np.std(moved, axis=1) > limit * np.sqrt(share * noise)))
+    return bool(np.any(np.std(moved, axis=1) > limit * np.sqrt(share) * _both_noise(signals, model)))
+
+
+def _two(travel: Vector, signals: Signals, model: CableModel, least: float = 1e-3) -> np.ndarray:
+    """Whether motors' positions differ from the joints' by as much as two encoders must, shape (n_motors,)."""
+    return np.std(travel, axis=0) > least * _both_noise(signals, model)
+
+
+def _both_noise(signals: Signals, model: CableModel) -> Vector:
+    """Noise of the travel from that of the encoders on both sides, shape (n_motors,) [rad]."""
+    own, other = signals.noise["motor_position"], signals.noise["joint_position"]
+    return np.sqrt(own**2 + model.motor_from_joint**2 @ other**2)
 
 
 def _sharp(model: CableModel, signals: Signals, q: Vector, share: float = 0.01) -> float:
@@ -343,5 +358,5 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
 
         channels[0] = channels[0] - added_torque(motion)
     if kinematic:
-        channels.append(travel * motion.arm_scale)
+        channels.append(np.where(_two(travel, signals, model), travel, 0.0) * motion.arm_scale)
     return Run(signals, motion, np.concatenate(channels, axis=1).T)

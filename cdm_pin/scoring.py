@@ -210,8 +210,8 @@ def same(one: Mapping[str, Any], other: Mapping[str, Any], n: int, positions: st
     """Tell whether two (effect, location) pairs are one and the same by the identities of the paper's arm.
 
     Sliding parts that move alike (joint 1 and motor 1; cable i on guides of link i-1 and joint i); a motor coupled to a
-    joint and friction of that combination of motors; dry friction and capstan friction of a cable at one pretension;
-    base tilt and the encoder offset of joint 1 (unless motor encoders
+    joint and friction of that combination of motors, or another motor that turns alike with a joint; dry friction and
+    capstan friction of a cable at one pretension; base tilt and the encoder offset of joint 1 (unless motor encoders
     tell); a gain on one of two motors and the inverse gain on the other.
     """
     names = [one["effect"], other["effect"]]
@@ -229,6 +229,8 @@ def same(one: Mapping[str, Any], other: Mapping[str, Any], n: int, positions: st
         return bool(coupled) and _alike(*both)
     if names[0] in _SLIDING:
         return _alike(*(sliding_weights(place, n) for place in places))
+    if names[0] == "transmission_coupling" and "turns" in one and "turns" in other:
+        return _alike(one["turns"], other["turns"])
     if names[0] == "transmission_ratio_error":
         places = [_map_entry(place) for place in places]
     return _normal(places[0]) == _normal(places[1])
@@ -239,20 +241,24 @@ def _alike(first: np.ndarray | None, second: np.ndarray | None) -> bool:
 
 
 def _coupled(item: Mapping[str, Any], n: int, pulleys: float) -> dict[str, Any]:
-    """Add to a coupling of friction alone the combination of motors that slides: ``v_i + ratio v_k``."""
+    """Add to a coupling the combination of motors that turns, ``v_i + ratio v_k``.
+
+    It slides if friction is all that it has.
+    """
     parameters, place = item.get("parameters", {}), item["location"]
     ratio, inertia = (parameters.get(name) for name in ("ratio", "inertia"))
     ratio, inertia = (x.get("value") if isinstance(x, Mapping) else x for x in (ratio, inertia))
     if item["effect"] != "transmission_coupling" or ratio is None or "joint" not in place:
-        return dict(item)
-    if "visibility" in item and inertia:  # the truth has a rotor as well
         return dict(item)
     w, k = np.zeros(n), place["joint"] - 1
     w[place["index"] - 1] = 1.0
     w[k] += ratio * pulleys
     if k:
         w[k - 1] -= ratio * pulleys
-    return dict(item) | {"slides": sliding_weights({"kind": "combination", "weights": w}, n)}
+    turns = {"turns": sliding_weights({"kind": "combination", "weights": w}, n)}
+    if "visibility" in item and inertia:  # the truth has a rotor as well
+        return dict(item) | turns
+    return dict(item) | turns | {"slides": turns["turns"]}
 
 
 def _map_entry(place: Mapping[str, Any]) -> dict[str, Any]:

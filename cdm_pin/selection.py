@@ -13,13 +13,15 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from .base import BaseParameters, massive_columns
-from .effects import CATALOGUE, Candidate
+from .effects import CATALOGUE, RATIOS, Candidate
 from .geometry import Vector
 from .model import CableModel
 from .patches import PATCHES, TONE
 from .problem import Problem
 from .spectra import Spectrum, spectrum, stands_out, whitener_of
 from .whitening import Lines, Segments, Whitener, fit_whitener, log_p, quiet_segments
+
+_TORQUE_BOUND = frozenset(name for name, effect in CATALOGUE.items() if effect.follows or effect.weighs)
 
 
 @dataclass(frozen=True)
@@ -211,20 +213,25 @@ class Search:
         self._sizes: Recent = Recent(8)
         self._rests: Recent = Recent(8)
 
-    def with_loads(self, fit: Fit) -> Search:
-        """Give the same search with the torques that the effects of a fit bring in the motions."""
+    def about(self, fit: Fit) -> Search:
+        """Give the same search about a fit: its inertial parameters, and the torques that its effects bring."""
         pairs = list(zip(fit.effects, fit.beta, strict=True))
-        search = Search(self.problem.with_loads(pairs), self.base, self.settings, self.held)
-        for name in ("nominal", "rigid", "common", "plain", "smooth", "unshared"):
+        change = fit.base[: len(self.base.columns)]
+        problem = self.problem.with_model(updated_model(self.problem.model, self.base, change)).with_loads(pairs)
+        search = Search(problem, self.base, self.settings, self.held)
+        for name in ("rigid", "common", "plain", "smooth", "unshared"):
             if name in self.__dict__:
                 search.__dict__[name] = self.__dict__[name]
-        follows = {name for name, effect in CATALOGUE.items() if effect.follows}
-        search._cache = {key: value for key, value in self._cache.items() if key[0][0] not in follows}
+        search.__dict__["nominal"] = [
+            nominal - np.tensordot(change, rigid[: len(change)], 1)
+            for nominal, rigid in zip(self.nominal, self.rigid, strict=True)
+        ]
+        search._cache = {key: value for key, value in self._cache.items() if key[0][0] not in _TORQUE_BOUND}
         return search
 
     def renewed(self, bank: Bank) -> Bank:
-        """Compute those columns of a bank anew that depend on the torques of other effects."""
-        follows = [i for i, c in enumerate(bank.candidates) if c.effect.follows]
+        """Compute those columns of a bank anew that depend on the torques of the body and of other effects."""
+        follows = [i for i, c in enumerate(bank.candidates) if c.effect.name in _TORQUE_BOUND]
         new = self.bank([bank.candidates[i] for i in follows])
         target = np.concatenate([np.arange(bank.slices[i].start, bank.slices[i].stop) for i in follows] or [[]])
         lines = []
@@ -272,6 +279,60 @@ class Search:
         if key not in self._cache:
             self._cache[key] = [lines.dense() for lines in self.problem.reduce(candidate.columns)]
         return self._cache[key]
+
+    def slopes(self, candidate: Candidate, beta: Vector) -> list[list[Vector]]:
+        """Differentiate X(shape) beta by each free element of the shape: one list of runs per element, in the band."""
+        slopes = []
+        free = len(candidate.bounds(self.problem.motions))
+        for i, value in enumerate(candidate.shape[:free]):
+            h = 1e-3 * abs(value) or 1e-3
+            sides = []
+            for step in (h, -h):
+                shape = (*candidate.shape[:i], value + step, *candidate.shape[i + 1 :])
+                columns = self.problem.reduce(replace(candidate, shape=shape).columns)
+                sides.append([np.tensordot(beta, c.dense(), 1) for c in columns])
+            slopes.append([(a - b)[None] / (2 * h) for a, b in zip(*sides, strict=True)])
+        return slopes
+
+    def tuned(self, effects: Sequence[Candidate], whitener: Whitener, rounds: int = 3) -> list[Candidate]:
+        """Estimate the shapes of all effects together (Gauss-Newton on what the coefficients leave over)."""
+        effects = list(effects)
+        for _ in range(rounds):
+            fit = self.fit(effects, whitener)
+            slopes = [self.slopes(c, b) for c, b in zip(effects, fit.beta, strict=True)]
+            flat = [s for own in slopes for s in own]
+            if not flat:
+                break
+            banks = [np.concatenate([s[r] for s in flat]) for r in range(len(self.rigid))]
+            W = self.white(whitener, banks)
+            size, W = np.linalg.norm(W, axis=1), fit.rest(W)
+            own = np.linalg.norm(W, axis=1)
+            scale = np.where(own > 1e-3 * size, own, np.inf)
+            step = np.linalg.lstsq((W / scale[:, None]).T, fit.residual, rcond=1e-3)[0] / scale
+            for share in (1.0, 0.3):
+                trial = self._moved(effects, share * step)
+                better = self.fit(trial, whitener)
+                if better.deviance < fit.deviance:
+                    break
+            else:
+                break
+            effects = trial
+            if fit.deviance - better.deviance < 0.1:
+                break
+        return effects
+
+    def _moved(self, effects: Sequence[Candidate], step: Vector) -> list[Candidate]:
+        """Move the free elements of all shapes, no further than their bounds and their reach."""
+        out, first = [], 0
+        for candidate in effects:
+            shape = list(candidate.shape)
+            for i, (low, high) in enumerate(candidate.bounds(self.problem.motions)[: len(shape)]):
+                reach = candidate.effect.reach * (abs(shape[i]) if low > 0 else high - low)
+                moved = shape[i] + float(np.clip(step[first], -reach, reach))
+                shape[i] = min(max(moved, min(low, shape[i])), max(high, shape[i]))
+                first += 1
+            out.append(replace(candidate, shape=tuple(shape)))
+        return out
 
     def white(self, whitener: Whitener, banks: Sequence[Vector], segments: Sequence[Segments] | None = None) -> Vector:
         """Whiten columns of all runs, shape (n_columns, n_rows)."""
@@ -376,6 +437,24 @@ class Search:
         return [np.concatenate([own[r], *[columns[r] for columns in parts]]) for r in range(len(self.rigid))]
 
     @cached_property
+    def drifts(self) -> list[Vector]:
+        """Columns of what the zeros of torque sensors do: a ramp and slow waves, for every channel and run alone."""
+        n_channels, rate = self.problem.n_channels, self.problem.band.rate / self.problem.band.step
+        waves = []
+        for rigid in self.rigid:
+            t = np.arange(rigid.shape[2]) / rate
+            phase = 2 * np.pi * t / max(t[-1], 50.0)
+            waves.append(np.stack([t / max(t[-1], 1e-9), *(f(k * phase) for k in (1, 2) for f in (np.sin, np.cos))]))
+        out = []
+        for r, wave in enumerate(waves):
+            bank = np.zeros((len(waves) * n_channels * len(wave), n_channels, wave.shape[1]))
+            for c in range(n_channels):
+                first = (r * n_channels + c) * len(wave)
+                bank[first : first + len(wave), c] = wave
+            out.append(bank)
+        return out
+
+    @cached_property
     def unshared(self) -> list[Vector]:
         """Columns of the rigid body with parameters of their own for every motor, and their rates of change, per run.
 
@@ -463,6 +542,9 @@ class Search:
                     for part in parts:
                         part[:, self.problem.model.n_motors :] = 0.0
                 known = known + candidate.effect.error * np.abs(self.white(fit.whitener, parts)[0])
+                if candidate.has_doubts:
+                    doubts = self.problem.reduce(lambda motion, c=candidate, b=beta: c.doubts(motion, b))
+                    known = known + np.abs(self.white(fit.whitener, [d.dense() for d in doubts])).sum(axis=0)
             self._sizes.keep(known, fit)
         return known
 
@@ -521,7 +603,7 @@ class Search:
 
     def refine(self, fit: Fit, candidate: Candidate, rounds: int = 2) -> tuple[Candidate, Score]:
         """Estimate the shape of a candidate: one nonlinear parameter after the other, to the best score."""
-        bounds = candidate.effect.bounds(self.problem.motions, candidate.place)
+        bounds = candidate.bounds(self.problem.motions)
         best, score = candidate, self.score(fit, candidate)
         for _ in range(rounds if len(bounds) > 1 else 1):
             for i in range(min(len(bounds), len(candidate.shape))):
@@ -542,7 +624,7 @@ class Search:
             return -s.statistic if np.isfinite(s.statistic) else 0.0
 
         low, high = (np.log(bounds[0]), np.log(bounds[1])) if logarithmic else bounds
-        here = np.log(start.shape[i]) if logarithmic else start.shape[i]
+        here = min(max(np.log(start.shape[i]) if logarithmic else start.shape[i], low), high)
         reach = start.effect.reach * (high - low)
         if high > low:
             minimize_scalar(
@@ -697,7 +779,9 @@ def all_candidates(problem: Problem, names: Sequence[str] | None = None) -> list
         if names is not None and effect.name not in names:
             continue
         for place in effect.places(problem.model):
-            out += [Candidate(effect, place, shape) for shape in effect.grid(problem.motions, place)]
+            ratios = [(r,) for r in RATIOS] if place.is_pair else [()]
+            shapes = effect.grid(problem.motions, place)
+            out += [Candidate(effect, place, (*shape, *ratio)) for shape in shapes for ratio in ratios]
     return out
 
 

@@ -117,6 +117,11 @@ def stands_out(rough: Spectrum, rest: Spectrum, alarm: float = 1e-4) -> bool:
     return bool(np.any(power > limit * rest.power))
 
 
+def wandering(noise: Spectrum) -> Vector:
+    """Power of the slowest band over that of the usual one, shape (n_channels,)."""
+    return noise.power[:, 0] / np.maximum(np.median(noise.power, axis=1), 1e-300)
+
+
 def whitener_of(
     noise: Spectrum,
     residuals: Sequence[Vector],

@@ -215,7 +215,7 @@ def quiet_segments(
     Returns
     -------
     list of Segments
-        The same where more than three tenths stand out: then that is no exception.
+        The same where more than three tenths stand out, or less than that is left: then it is no exception.
     """
     out = []
     for e, run in zip(residuals, segments, strict=True):
@@ -229,7 +229,8 @@ def quiet_segments(
             out.append(run)
             continue
         edges = np.flatnonzero(np.diff(np.concatenate([[0], (inside & ~loud).astype(int), [0]])))
-        out.append([(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 60])
+        kept = [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 60]
+        out.append(kept if sum(b - a for a, b in kept) > 0.3 * inside.sum() else run)
     return out
 
 
