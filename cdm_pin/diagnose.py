@@ -219,36 +219,49 @@ def _weighted(search: Search, errors: Sequence[Vector], level: Vector) -> float:
 
 
 def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
-    """Whether finding `j` lowers the error on the unseen recordings as it should, and does not raise it anywhere.
+    """Whether the unseen recordings are likelier with finding `j` than without it, by as much as they should be.
 
-    Where it is right, the whitened sum of squares falls by that of what it changes there; a tenth is asked for.
+    Where it is right, the whitened sum of squares falls by that of what it changes there; a tenth is asked for. The
+    plain error must not rise either, unless masses that the training could not tell make most of it.
     """
     found, fit = explanation.found[j], explanation.fit
     if fit.effects[j].effect.name in ONCE:
         return True
     without = explanation.search.fit([c for i, c in enumerate(fit.effects) if i != j], fit.whitener)
     change = [a - b for a, b in zip(_stacked(judge, fit), _stacked(judge, without), strict=True)]
-    due = _steady(judge, fit, change)
+    due = _updated(judge, without, change)[0]
     if _unseen(judge, without) - _unseen(judge, fit) < max(3.0 * found.candidate.named, 0.1 * due):
         return False
     level = np.maximum(noise_floor(judge, fit.effects), 1e-12)
     with_it, without_it = (_weighted(judge, errors(judge, f.base, f.effects, f.beta), level) for f in (fit, without))
-    return with_it < 1.01 * without_it
+    return with_it < 1.01 * without_it or with_it > 9.0 * len(level)
 
 
 def _unseen(judge: Search, fit: Fit) -> float:
-    """Sum the squares of a fit's error on the unseen recordings, in whitened units, drifting zeros aside."""
-    return _steady(judge, fit, _stacked(judge, fit))
+    """Twice the negative logarithm of how likely the unseen recordings are after a fit, up to a constant."""
+    return sum(_updated(judge, fit, _stacked(judge, fit)))
 
 
-def _steady(judge: Search, fit: Fit, series: Sequence[Vector]) -> float:
-    """Sum the squares of whitened series after the drift of the sensors' zeros is taken out."""
-    banks = [np.concatenate([drift, x]) for drift, x in zip(judge.drifts, series, strict=True)]
+def _updated(judge: Search, fit: Fit, series: Sequence[Vector]) -> tuple[float, float]:
+    """Sum the squares of whitened series after what a fit leaves uncertain, and drifting zeros, are taken out.
+
+    Parameters move as far as their covariance allows; the second value is the logarithm of how much room they have.
+    """
+    own = [judge.columns(c) for c in fit.effects]
+    banks = [
+        np.concatenate([judge.rigid[r], *[columns[r] for columns in own], judge.drifts[r], x])
+        for r, x in enumerate(series)
+    ]
     W = judge.white(fit.whitener, banks)
-    A, b = W[:-1].T, W[-1]
-    scale = np.linalg.norm(A, axis=0)
-    Q = np.linalg.qr(A[:, scale > 0] / scale[scale > 0])[0]
-    return float(b @ b - np.sum((Q.T @ b) ** 2))
+    k = len(fit.covariance)
+    values, vectors = np.linalg.eigh(fit.covariance)
+    X, drift, b = (vectors * np.sqrt(np.maximum(values, 0.0))).T @ W[:k], W[k:-1].T, W[-1]
+    scale = np.linalg.norm(drift, axis=0)
+    Q = np.linalg.qr(drift[:, scale > 0] / scale[scale > 0])[0]
+    X, b = X - (X @ Q) @ Q.T, b - Q @ (Q.T @ b)
+    room = np.eye(k) + X @ X.T
+    moved = X @ b
+    return float(b @ b - moved @ np.linalg.solve(room, moved)), float(np.linalg.slogdet(room)[1])
 
 
 def _stacked(judge: Search, fit: Fit) -> list[Vector]:

@@ -597,13 +597,17 @@ def _eccentricity(motion: Motion, place: Place, shape: Shape) -> Columns:
 
 
 def _elasticity(motion: Motion, place: Place, shape: Shape) -> Columns:
+    i = place.index[0]
+    return _compliant(motion, i, motion.cable_torque[:, i])
+
+
+def _compliant(motion: Motion, i: int, travel: Vector) -> Columns:
+    """Columns of a travel per unit of compliance, and of damping in units of stiffness squared."""
     from .signals_filters import differentiate
 
-    i = place.index[0]
-    load = motion.cable_torque[:, i]
-    parts = [_moved(motion, load, i, None)]
+    parts = [_moved(motion, travel, i, None)]
     if motion.joints_measured:
-        parts.append(_moved(motion, -differentiate(load, motion.rate), i, None))
+        parts.append(_moved(motion, -differentiate(travel, motion.rate), i, None))
     else:
         zero = np.zeros_like(parts[0].torque) if parts[0].torque is not None else None
         parts.append(Columns(zero))
@@ -620,17 +624,17 @@ def _backlash(motion: Motion, place: Place, shape: Shape) -> Columns:
 def _slack(motion: Motion, place: Place, shape: Shape) -> Columns:
     i = place.index[0]
     load = motion.cable_torque[:, i]
-    return _moved(motion, np.sign(load) * np.maximum(np.abs(load) - shape[0], 0.0), i, None)
+    return _compliant(motion, i, load + np.sign(load) * np.maximum(np.abs(load) - shape[0], 0.0))
 
 
 def _load_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
     load = np.abs(np.concatenate([m.cable_torque[:, place.index[0]] for m in motions]))
-    return [(float(x),) for x in np.quantile(load, [0.4, 0.6, 0.75, 0.88]) if x > 0]
+    return [(float(x),) for x in np.quantile(load, [0.08, 0.22, 0.45, 0.7, 0.88]) if x > 0]
 
 
 def _load_bounds(motions: Sequence[Motion], place: Place) -> list[tuple[float, float]]:
     grid = _load_grid(motions, place)
-    return [(0.5 * grid[0][0], 1.1 * grid[-1][0])] if grid else []
+    return [(0.3 * grid[0][0], 1.1 * grid[-1][0])] if grid else []
 
 
 def _coupling_transition(motion: Motion, place: Place, shape: Shape, scale: float) -> list[Vector]:
@@ -830,7 +834,7 @@ def _stiffness(beta: Vector, shape: Shape) -> dict[str, float]:
 
 
 def _slack_physical(beta: Vector, shape: Shape) -> dict[str, float]:
-    return {"torque": shape[0], "stiffness": 1.0 / float(beta[0]) if beta[0] else np.inf}
+    return {"torque": shape[0]} | _stiffness(beta, ())
 
 
 def _hysteresis_physical(beta: Vector, shape: Shape) -> dict[str, float]:
@@ -1113,19 +1117,23 @@ CATALOGUE: dict[str, Effect] = {
         ),
         Effect(
             "cable_slack",
-            (Parameter("torque", _NM, 0.0), Parameter("stiffness", "N m/rad", 0.0)),
+            (
+                Parameter("torque", _NM, 0.0),
+                Parameter("stiffness", "N m/rad", 0.0),
+                Parameter("damping", "N m s/rad", 0.0),
+            ),
             cable_places,
             _slack,
             _slack_physical,
             _load_grid,
             _load_bounds,
-            (1,),
+            (1, 0),
             exact=False,
             error=0.06,
             follows=True,
             confounded=("backlash", "cable_elasticity"),
             revealed_by="torque ramps, pretension steps",
-            inverse=lambda p: ([1 / p["stiffness"] if p.get("stiffness") else 0.0], [p["torque"]]),
+            inverse=lambda p: (_elastic_inverse(p)[0] if p.get("stiffness") else [0.0, 0.0], [p["torque"]]),
             reference="one strand carries where both did: stiffness halves",
         ),
         Effect(
