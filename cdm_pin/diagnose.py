@@ -12,8 +12,9 @@ import numpy as np
 from . import findings as fi
 from .base import base_parameters, massive_columns
 from .consistency import nearest_standard
-from .effects import Candidate, Place, axis_places
-from .explain import Explanation, Found, explain, explained, patch
+from .effects import STOPS, Candidate, Place, axis_places
+from .everywhere import agreements, confirmed
+from .explain import Explanation, Found, explain, explained, left_over, patch
 from .geometry import Manipulator, Vector, frozen_array
 from .model import CableModel
 from .next_experiment import Experiment, plan_next
@@ -28,6 +29,8 @@ ONCE = ("external_torque", "unnamed_time", "unnamed_wear", "unnamed_gain_drift",
 """What happens at a time of its own: another recording cannot judge it."""
 WANDERING = 300.0
 """Slow power over quick power that no noise of a torque's measurement has; a drift that is no fault stays below 30."""
+AGREEMENT = 0.3
+"""Of many effects, what the unseen recordings make of one alone has to be like it by so much for it to be listed."""
 SCHEMA = "cdm_pin.diagnosis/1"
 
 
@@ -113,7 +116,9 @@ def diagnose(
         fit = explanation.fit
         seen = make_problem(search.problem.model, unseen, problem.band)
         judge = Search(seen.with_loads(list(zip(fit.effects, fit.beta, strict=True))), base, settings, search.held)
-    if judge is not None:
+    if explanation.everywhere:
+        explanation = _weighed(search, judge, explanation)
+    elif judge is not None:
         explanation = _judged(search, judge, explanation)
     say("sensitivities", 0.95)
     return _report(model, search, judge, explanation)
@@ -135,6 +140,19 @@ def _judged(search: Search, judge: Search, explanation: Explanation) -> Explanat
         else:
             explanation = explained(search, explanation.bank, patched)
     return explanation
+
+
+def _weighed(search: Search, judge: Search | None, explanation: Explanation) -> Explanation:
+    """Keep of many findings what helps on the unseen recordings, and set each against its rivals."""
+    effects = [f.candidate for f in explanation.found]
+    if judge is not None:
+        effects = confirmed(search, judge, effects, np.maximum(noise_floor(judge, effects), 1e-12))
+    explanation = replace(explained(search, explanation.bank, effects), everywhere=True)
+    if judge is None:
+        return explanation
+    alike = agreements(judge, explanation.fit)
+    found = tuple(replace(f, agreement=a) for f, a in zip(explanation.found, alike, strict=True))
+    return replace(explanation, found=found)
 
 
 def _reconsidered(search: Search, judge: Search, explanation: Explanation) -> Explanation:
@@ -211,7 +229,7 @@ def _restricted(search: Search, explanation: Explanation, found: Sequence[Found]
     for j, f in enumerate(found):
         without = search.fit([c for i, c in enumerate(candidates) if i != j], fit.whitener)
         renewed.append(replace(f, score=search.score(without, f.candidate)))
-    return Explanation(tuple(renewed), fit, rigid, explanation.bank, search)
+    return Explanation(tuple(renewed), fit, rigid, explanation.bank, search, explanation.everywhere)
 
 
 def _weighted(search: Search, errors: Sequence[Vector], level: Vector) -> float:
@@ -296,23 +314,31 @@ def _report(model: CableModel, search: Search, judge: Search | None, explanation
     covariance, betas, shapes = fi.joint_covariance(search, fit)
     own_rigid = search.fit([])
     stated = {}
+    fitted: dict[int, dict[str, Any]] = {}
     for j in named:
         found = explanation.found[j]
         index = np.r_[betas[j], shapes[j]]
         values = fi.parameters(found.candidate, fit.beta[j], covariance[np.ix_(index, index)])
         if fi.is_known(values) and fi.is_admissible(found.candidate.effect, values) and found.gain >= 5.0:
             stated[j] = values
+        fitted[j] = values
+    if explanation.everywhere:
+        found = explanation.found
+        stated = {j: v for j, v in stated.items() if not fi.is_outdone(found[j]) and found[j].agreement >= AGREEMENT}
     if patches:
         unexplained = _unexplained(explanation, patches, search)
     else:
-        unexplained, excess = _beyond_floor(search, judge, explanation, 3.0 if stated else 2.0)
-        if unexplained is not None:
+        unexplained, excess = _beyond_floor(search, judge, explanation, _patience(search, explanation, bool(stated)))
+        if unexplained is not None and not explanation.everywhere:
             motor = unexplained["location"]["index"]
             sure = [j for j in stated if fi.outweighs(model, explanation.found[j], motor, excess)]
             stated = {j: stated[j] for j in sure}
-        unexplained = unexplained or _wandering(search, fit)
+        unexplained = _nameless(search, explanation) or unexplained or _wandering(search, fit)
     items = [_finding(search, judge, explanation, j, values) for j, values in stated.items()]
-    records = [_record(explanation.found[j].candidate, values) for j, values in stated.items()]
+    written = fitted if explanation.everywhere else stated  # also those whose names are not sure
+    records = [
+        r for j, values in written.items() for r in _records(explanation.found[j].candidate, values, fit.beta[j])
+    ]
     verdict = "unexplained" if unexplained else ("missing_physics" if items else "consistent")
     content = {
         "schema": SCHEMA,
@@ -399,11 +425,22 @@ def _finding(
     return item
 
 
-def _record(candidate: Candidate, values: dict[str, Any]) -> dict[str, Any]:
+def _records(candidate: Candidate, values: dict[str, Any], beta: Vector) -> list[dict[str, Any]]:
+    """Say an effect as model files do; a hysteresis of several elements is one entry for each."""
+    place = fi.location(candidate)
+    if candidate.effect.name == "hysteresis" and candidate.detail and candidate.shape[1] < 0.5:
+        out = []
+        for limit, share, form in zip(beta, (1.0, *STOPS), (candidate.shape[1], *[0.5] * len(STOPS)), strict=False):
+            distance = share * candidate.shape[0]
+            own = {"stiffness": limit / distance, "limit": limit, "form": form}
+            if limit > 0:
+                own = {name: round(float(x), 10) for name, x in own.items()}
+                out.append({"effect": "hysteresis", "location": place, "parameters": own})
+        return out
     parameters = {name: round(float(v["value"]), 10) for name, v in values.items()}
     if candidate.effect.nuisance_shape:
         parameters["width"] = round(float(candidate.shape[0]), 10)
-    return {"effect": candidate.effect.name, "location": fi.location(candidate), "parameters": parameters}
+    return [{"effect": candidate.effect.name, "location": place, "parameters": parameters}]
 
 
 def _unexplained(explanation: Explanation, patches: Sequence[Found], search: Search) -> dict[str, Any]:
@@ -424,6 +461,30 @@ def _unexplained(explanation: Explanation, patches: Sequence[Found], search: Sea
     }
 
 
+def _nameless(search: Search, explanation: Explanation) -> dict[str, Any] | None:
+    """Describe what is left beside many findings by the correction that explains most of it."""
+    if not explanation.everywhere:
+        return None
+    effects = [f.candidate for f in explanation.found]
+    patch = left_over(search, explanation.bank, effects)
+    if patch is None:
+        return None
+    fit = search.fit([*effects, patch], explanation.fit.whitener)
+    score = search.score(explanation.fit, patch)
+    found = Found(patch, score, 0.0, 0.0)
+    return _unexplained(replace(explanation, found=(*explanation.found, found), fit=fit), [found], search)
+
+
+def _patience(search: Search, explanation: Explanation, found: bool) -> float:
+    """Say how far above the floor a residual may stay without a word.
+
+    Corrections without a name see torques only, so less where there is travel alone.
+    """
+    if not search.problem.torque:
+        return 1.5
+    return 3.0 if found and not explanation.everywhere else 2.0
+
+
 def _beyond_floor(
     search: Search, judge: Search | None, explanation: Explanation, limit: float
 ) -> tuple[dict[str, Any] | None, float]:
@@ -434,7 +495,8 @@ def _beyond_floor(
     fit, both = explanation.fit, [search] if judge is None else [search, judge]
     rests = [there.left_over(fit.effects, smooth=False)[1].rms for there in both]
     floors = [np.maximum(noise_floor(there, fit.effects), 1e-12) for there in both]
-    rest, ratio = rests[0], np.min(np.divide(rests, floors), axis=0)
+    ratios = np.divide(rests, floors)
+    rest, ratio = rests[0], np.maximum(np.min(ratios, axis=0), 0.5 * ratios[-1] * (judge is not None))
     worst = int(np.argmax(ratio))
     if not search.problem.segments or ratio[worst] < limit:
         return None, 0.0

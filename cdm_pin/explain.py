@@ -9,6 +9,7 @@ import numpy as np
 
 from .effects import CATALOGUE, Candidate, at_known_place, twin_places
 from .events import Reporter
+from .everywhere import kinds_first, needed, rubs_everywhere
 from .selection import Bank, Fit, ProgressCallback, Score, Search, all_candidates, family_wise, tones
 from .whitening import Whitener
 
@@ -28,6 +29,8 @@ class Found:
         Natural log of the family-wise p-value.
     rivals : tuple of (Candidate, float)
         Others in its place, with their penalised log-likelihood less this one's; best first.
+    agreement : float
+        With what the unseen recordings alone make of it, 1 where that was not asked.
     """
 
     candidate: Candidate
@@ -35,6 +38,7 @@ class Found:
     gain: float
     log_p: float
     rivals: tuple[tuple[Candidate, float], ...] = ()
+    agreement: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,8 @@ class Explanation:
         All candidates that were screened.
     search : Search
         What computes further scores.
+    everywhere : bool
+        Whether nearly every axis rubs, so that corrections without a name did not compete.
     """
 
     found: tuple[Found, ...]
@@ -58,6 +64,7 @@ class Explanation:
     rigid: Fit
     bank: Bank
     search: Search
+    everywhere: bool = False
 
     @property
     def scores(self) -> list[Score]:
@@ -94,6 +101,8 @@ def explain(search: Search, progress: ProgressCallback | None = None) -> Explana
     for turn in range(3):
         say("searching", 0.1 + 0.25 * turn)
         search, bank, grown = _grow(search, bank, accepted, say)
+        if not turn and grown and rubs_everywhere(search, grown):
+            return _everything(search, bank, say)
         accepted = patch(search, bank, grown) or grown
         if len(grown) < search.settings.at_once and accepted is grown:
             break
@@ -129,6 +138,50 @@ def _simplest(explanation: Explanation) -> Explanation:
     if accepted == [f.candidate for f in explanation.found]:
         return explanation
     return explained(search, explanation.bank, search.tuned(accepted, search.noise(accepted)))
+
+
+def _everything(search: Search, bank: Bank, say: Reporter) -> Explanation:
+    """Put in whole kinds of physics first, then what else has a name and is significant with care.
+
+    Not so what changes the torques of the model itself, like gains and delays: that is no finding while the model is
+    still far from the data.
+    """
+    accepted = kinds_first(search)
+    for k in range(search.problem.model.n_motors):
+        say("searching", 0.3 + 0.4 * k / search.problem.model.n_motors)
+        fit, clear = search.fit(accepted), search.fit(accepted, search.clear(accepted))
+        search = search.about(clear)
+        bank = search.renewed(bank)
+        leaders = [c for c, _, _ in _leaders(search, clear, bank, 40, accepted) if not c.effect.follows]
+        leaders = [c for c in leaders if c.effect.name not in ("external_torque", "friction_drift")][:12]
+        say.looked(clear, leaders)
+        winner = _winner(search, clear, leaders)
+        if winner is None or family_wise(search.score(fit, winner[0]), winner[0], 1e-3) > np.log(search.settings.alarm):
+            break
+        accepted = [*accepted, winner[0]]
+    accepted = needed(search, accepted)
+    search = search.about(search.fit(accepted))
+    bank = search.renewed(bank)
+    fit = search.fit(accepted)
+    found = [Found(c, search.score(_without(search, fit, c), c), 0.0, 0.0) for c in accepted]
+    say.looked(fit)
+    return Explanation(tuple(found), fit, search.fit([], fit.whitener), bank, search, everywhere=True)
+
+
+def _without(search: Search, fit: Fit, candidate: Candidate) -> Fit:
+    return search.fit([c for c in fit.effects if c is not candidate], fit.whitener)
+
+
+def left_over(search: Search, bank: Bank, accepted: list[Candidate]) -> Candidate | None:
+    """Give the correction without a name that explains most of what is left; None where none is asked for."""
+    fit = search.fit(accepted)
+    clear = search.fit(accepted, search.clear(accepted))
+    for f in (fit, clear):
+        for candidate, score, weight in _leaders(search, f, bank, 3, accepted, named=False):
+            heard = f is fit or (_is_loud(score) and _is_seconded(search, fit, candidate, score, weight))
+            if heard and gain(search, f, candidate, score) > 0 and _passes(search, candidate, score, weight, f):
+                return candidate
+    return None
 
 
 def explained(search: Search, bank: Bank, accepted: list[Candidate]) -> Explanation:

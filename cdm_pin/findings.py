@@ -269,3 +269,9 @@ def is_sure(found: Found, score: Score, patches: Sequence[Found]) -> bool:
         if score.statistic < 0.2 * patch.score.statistic:
             return False
     return found.candidate.effect.name in CATALOGUE
+
+
+def is_outdone(found: Found, share: float = 0.1) -> bool:
+    """Whether a correction without a name explains clearly more in its place, so that its name is not sure."""
+    margin = share * found.gain + 15.0
+    return any(not rival.named and difference > margin for rival, difference in found.rivals)

@@ -12,6 +12,7 @@ from scipy.signal import firwin, kaiserord, upfirdn
 
 from .effects import Candidate, Columns, loaded
 from .geometry import Vector
+from .inertia_band import inertia_cutoff
 from .model import CableModel
 from .motion import Motion
 from .recording import Recording
@@ -235,13 +236,24 @@ def make_problem(model: CableModel, recordings: Sequence[Recording], band: Band 
     rate = min(s.rate for s in signals)
     if any(abs(s.rate - rate) > 1e-3 * rate for s in signals):
         signals = [prepare(recording, model, rate=rate) for recording in recordings]
-    if band is None:
-        band = make_band(rate, _cutoff(model, signals))
-    signals = [prepare(recording, model, rate=rate, cutoff=band.cutoff) for recording in recordings]
+    chosen = band or make_band(rate, _cutoff(model, signals))
     torque = all(_has(s, "torque") for s in signals)
     kinematic = all("joint_position" in s.logged and "motor_position" in s.logged for s in signals)
-    runs = tuple(_run(model, s, band, torque, kinematic, i) for i, s in enumerate(signals))
-    return Problem(model, runs, band, torque, kinematic)
+
+    def made(band: Band) -> Problem:
+        ready = [prepare(recording, model, rate=rate, cutoff=band.cutoff) for recording in recordings]
+        runs = tuple(_run(model, s, band, torque, kinematic, i) for i, s in enumerate(ready))
+        return Problem(model, runs, band, torque, kinematic)
+
+    problem = made(chosen)
+    if band is not None or not torque:
+        return problem
+    slower = [
+        inertia_cutoff(run.motion, run.data[: model.n_motors], chosen, own)
+        for run, own in zip(problem.runs, problem.segments, strict=True)
+    ]
+    cutoff = float(np.median(slower))
+    return problem if cutoff >= chosen.cutoff else made(make_band(rate, cutoff))
 
 
 def _has(signals: Signals, what: str) -> bool:

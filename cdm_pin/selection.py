@@ -401,8 +401,10 @@ class Search:
         X = np.concatenate([np.zeros((0, len(body.data))), *own])
         inside = X @ body.Q
         free, size = X - inside @ body.Q.T, np.linalg.norm(X, axis=1)
-        theta, Q, inverse = _least_squares(free, body.residual, size)
         signs = np.array([s for c, x in zip(effects, own, strict=True) for s in _minor_signs(c, len(x))])
+        if len(free) > 40:
+            free[_at_bound(free, body.residual, size, signs)] = 0.0
+        theta, Q, inverse = _least_squares(free, body.residual, size)
         while len(signs) and np.any((signs > 0) & (theta < 0)):  # held at their bound, zero
             free[np.argmin(np.where(signs > 0, theta * size, np.inf))] = 0.0
             theta, Q, inverse = _least_squares(free, body.residual, size)
@@ -696,6 +698,21 @@ def _least_squares(A: Vector, b: Vector, size: Vector | None = None) -> tuple[Ve
     keep = s > 1e-6 * s[0]
     U, inverse = U[:, keep], (Vt[keep].T / s[keep]) / scale[:, None]
     return inverse @ (U.T @ b), U, inverse
+
+
+def _at_bound(A: Vector, b: Vector, size: Vector, signs: np.ndarray) -> np.ndarray:
+    """Find the coefficients that signs hold at zero, from inner products: for many columns."""
+    scale = np.where(np.linalg.norm(A, axis=1) > 1e-7 * size, np.maximum(size, 1e-300), np.inf)
+    gram, c = (A / scale[:, None]) @ (A / scale[:, None]).T, (A / scale[:, None]) @ b
+    held = np.zeros(len(A), bool)
+    while True:
+        live = np.flatnonzero(~held)
+        theta = np.zeros(len(A))
+        theta[live] = np.linalg.lstsq(gram[np.ix_(live, live)], c[live], rcond=1e-10)[0]
+        wrong = (signs > 0) & (theta < 0)
+        if not wrong.any():
+            return held
+        held[np.argmin(np.where(wrong, theta, np.inf))] = True
 
 
 def _score_single(c: Vector, full: Vector, left: Vector) -> tuple[Vector, Vector, Vector, Vector]:

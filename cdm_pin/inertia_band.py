@@ -1,0 +1,90 @@
+"""Up to which frequency the torques hold what the accelerations ask for.
+
+An encoder at the motor sees cables and links vibrate as if the whole link did, and samples that jitter look like
+vibration too. In a band that is wider than this the inertias come out too small, and what is missing then looks like a
+delay of the torque and hides all else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .accelerations import residual
+from .base import massive_columns
+from .effects import CATALOGUE
+from .geometry import Vector
+from .motion import Motion
+from .regressor import motor_regressor
+from .signals_filters import lowpass
+
+STEPS = 5  # candidates, half an octave apart
+LOWEST = 4.0  # [Hz]
+CLEAR = 0.85  # of a motor's residual in the whole band: what a narrower one has to leave at most
+NEAR = 1.03  # of the least residual
+LONGEST = 12000  # samples that are looked at
+
+
+def inertia_cutoff(motion: Motion, torque: Vector, band: Any, segments: Sequence[tuple[int, int]]) -> float:
+    """Find where a motor's torque stops to follow its accelerations, the lowest of all motors' [Hz].
+
+    Parameters
+    ----------
+    motion : Motion
+    torque : ndarray, shape (n_motors, n)
+        Measured.
+    band : Band
+        The common filter.
+    segments : sequence of (start, stop)
+        Stretches of decimated samples that count.
+
+    Returns
+    -------
+    float
+        The band's own cut-off where no motor is explained clearly better by slower accelerations.
+    """
+    limits = [f for f in band.cutoff * 2.0 ** (-0.5 * np.arange(1, STEPS + 1)) if f >= LOWEST]
+    if not limits or not segments:
+        return band.cutoff
+    a, b = max(segments, key=lambda s: s[1] - s[0])
+    b = min(b, a + max(LONGEST // band.step, 64))
+    model, heavy = motion.model, massive_columns(motion.model)
+    y = band.reduce(torque)[:, a:b]
+    rub = _rub(motion, band)[..., a:b]
+
+    def left(accelerations: Vector, own: Vector) -> Vector:
+        Y = motor_regressor(model, motion.q, motion.v, accelerations)[..., heavy].transpose(2, 1, 0)
+        rotors = np.zeros((model.n_motors, model.n_motors, motion.n))
+        rotors[range(model.n_motors), range(model.n_motors)] = own.T
+        X = np.concatenate([band.reduce(np.concatenate([Y, rotors]))[..., a:b], rub])
+        if X.shape[2] < 2 * len(X):
+            return np.zeros(model.n_motors)
+        scale = np.sqrt(np.mean(y**2, axis=1))
+        out = [residual(X[:, i].T, y[i]) for i in range(model.n_motors)]
+        return np.maximum(out, 1e-3 * scale)
+
+    table = [left(motion.a, motion.a_m)]
+    for f in limits:
+        table.append(left(lowpass(motion.a, motion.rate, f), lowpass(motion.a_m, motion.rate, f)))
+    errors = np.array(table)
+    best = np.minimum(errors.min(axis=0), errors[0])
+    found = [band.cutoff]
+    for i in np.flatnonzero(best < CLEAR * errors[0]):
+        first = int(np.argmax(errors[:, i] <= NEAR * best[i]))
+        found.append([band.cutoff, *limits][first])
+    return float(min(found))
+
+
+def _rub(motion: Motion, band: Any) -> Vector:
+    """Columns of the friction and the constant torque that most machines have, in the band."""
+    series = []
+    for name in ("viscous_friction", "coulomb_friction", "torque_offset"):
+        effect = CATALOGUE[name]
+        for place in effect.places(motion.model):
+            shape = effect.grid([motion], place)[0]
+            along = effect.columns(motion, place, shape).along
+            assert along is not None
+            series.append(along[0][:, None] * along[1][None, :, None])
+    return band.reduce(np.concatenate(series))

@@ -1,0 +1,106 @@
+"""Where nearly every axis rubs: the band, the start, and what the unseen recording withdraws."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdm_pin.base import base_parameters, massive_columns
+from cdm_pin.completed import added_torque
+from cdm_pin.diagnose import _records
+from cdm_pin.dynamics import motor_torques
+from cdm_pin.effects import CATALOGUE, Candidate
+from cdm_pin.everywhere import confirmed, kinds_first, rubs_everywhere
+from cdm_pin.model import load_model
+from cdm_pin.problem import make_band, make_problem
+from cdm_pin.recording import Recording
+from cdm_pin.selection import Search, Settings
+
+ROOT = Path(__file__).resolve().parent.parent
+RATE, SECONDS = 200.0, 24.0
+FRICTION = ((0.3, 0.2, 0.1), (0.4, 0.3, -0.2), (1.5, 0.8, 0.3))
+
+
+@pytest.fixture(scope="module")
+def model():
+    return load_model(ROOT / "urdf" / "real" / "psm3.yaml")
+
+
+def run(model, seed, friction=FRICTION, shaking=0.0):
+    """Simulate a motion of the first three joints: viscous, dry and constant torque per motor; encoders may shake."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, SECONDS, 1 / RATE)
+    reach, w = np.array([0.6, 0.5, 0.05]), 2 * np.pi * np.array([0.1, 0.23, 0.41, 0.67])
+    x, v, a = (np.zeros((len(t), 3)) for _ in range(3))
+    for k in range(3):
+        for f in w:
+            p, b = rng.uniform(0, 2 * np.pi), reach[k] * rng.uniform(0.3, 1.0) / len(w)
+            x[:, k] += b * np.sin(f * t + p)
+            v[:, k] += b * f * np.cos(f * t + p)
+            a[:, k] -= b * f**2 * np.sin(f * t + p)
+    x[:, 2] += 0.12
+    E = model.joint_from_motor
+    tau = motor_torques(model, x @ E.T + model.offset, v @ E.T, a @ E.T)
+    for k, (viscous, dry, constant) in enumerate(friction):
+        tau[:, k] += viscous * v[:, k] + dry * np.sign(v[:, k]) + constant
+    tau += 0.01 * rng.normal(size=tau.shape)
+    x = x + 1e-6 * rng.normal(size=x.shape) + shaking * reach * np.sin(2 * np.pi * 9.0 * t)[:, None]
+    return Recording(t, {"motor_position": x, "motor_torque": tau}, label=f"run {seed}")
+
+
+def search_of(model, recording, band=None):
+    base = base_parameters(model, columns=massive_columns(model))
+    return Search(make_problem(model, [recording], band), base, Settings())
+
+
+def test_the_band_ends_where_torques_do_not_follow_accelerations(model):
+    wide = make_problem(model, [run(model, 0)]).band.cutoff
+    narrow = make_problem(model, [run(model, 0, shaking=2e-3)]).band.cutoff
+    assert narrow < 9.0 < wide
+
+
+def test_friction_everywhere_is_seen_and_sized(model):
+    search = search_of(model, run(model, 1), make_band(RATE, 8.0))
+    assert rubs_everywhere(search, [])
+    effects = kinds_first(search)
+    fit = search.fit(effects)
+    found = {(c.effect.name, c.location["index"]): float(b[0]) for c, b in zip(effects, fit.beta, strict=True)}
+    for joint, (viscous, dry, _) in zip((1, 2, 7), FRICTION, strict=True):
+        assert found["viscous_friction", joint] == pytest.approx(viscous, rel=0.1)
+        assert found["coulomb_friction", joint] == pytest.approx(dry, rel=0.1)
+
+
+def test_friction_at_one_axis_is_not_everywhere(model):
+    search = search_of(model, run(model, 2, ((0.3, 0.2, 0.1), (0, 0, 0), (0, 0, 0))), make_band(RATE, 8.0))
+    assert not rubs_everywhere(search, [])
+
+
+def test_what_harms_on_the_unseen_recording_is_withdrawn(model):
+    """Friction that the unseen recording has too stays; dry friction that only the first one has goes."""
+    band = make_band(RATE, 8.0)
+    search = search_of(model, run(model, 3), band)
+    other = (*FRICTION[:2], (FRICTION[2][0], 0.0, FRICTION[2][2]))
+    judge = Search(make_problem(model, [run(model, 4, other)], band), search.base, Settings(), search.held)
+    names = ("viscous_friction", "coulomb_friction", "torque_offset")
+    effects = [c for c in search.common if c.effect.name in names]
+    kept = {(c.key[0], c.location["index"]) for c in confirmed(search, judge, effects, np.ones(3))}
+    assert {("coulomb_friction", 1), ("coulomb_friction", 2)} <= kept
+    assert ("coulomb_friction", 7) not in kept
+
+
+def test_a_hysteresis_of_several_elements_is_written_whole(model):
+    problem = make_problem(model, [run(model, 5)])
+    place = CATALOGUE["hysteresis"].places(model)[0]
+    candidate = Candidate(CATALOGUE["hysteresis"], place, (0.02, 0.0), 1.0)
+    beta = np.array([0.3, 0.0, 0.2, 0.1, 0.0])
+    effects = tuple(_records(candidate, {}, beta))
+    assert len(effects) == 3
+    motion = problem.motions[0]
+    along = candidate.columns(motion).along
+    assert along is not None
+    series, weights = along
+    written = motion.with_model(replace(model, manipulator=replace(model.manipulator, effects=effects)))
+    np.testing.assert_allclose(added_torque(written), (beta @ series)[:, None] * weights, atol=1e-6)
