@@ -494,7 +494,7 @@ def _beyond_floor(
     """
     fit, both = explanation.fit, [search] if judge is None else [search, judge]
     rests = [there.left_over(fit.effects, smooth=False)[1].rms for there in both]
-    floors = [np.maximum(noise_floor(there, fit.effects), 1e-12) for there in both]
+    floors = [np.hypot(np.maximum(noise_floor(there, fit.effects), 1e-12), _accuracy(there, fit)) for there in both]
     ratios = np.divide(rests, floors)
     rest, ratio = rests[0], np.maximum(np.min(ratios, axis=0), 0.5 * ratios[-1] * (judge is not None))
     worst = int(np.argmax(ratio))
@@ -510,6 +510,15 @@ def _beyond_floor(
         "rms": float(rest[worst]),
         "nearest": [],
     }, float(ratio[worst] ** 2 - 1) * samples
+
+
+def _accuracy(search: Search, fit: Fit) -> Vector:
+    """Say by how much the laws of a fit may be wrong, shape (n_channels,)."""
+    total = np.zeros(search.problem.n_channels)
+    for candidate, beta in zip(fit.effects, fit.beta, strict=True):
+        own = [np.tensordot(beta, columns, 1) for columns in search.columns(candidate)]
+        total += (candidate.effect.error * rms(search, own)) ** 2
+    return np.sqrt(total)
 
 
 def _wandering(search: Search, fit: Fit) -> dict[str, Any] | None:

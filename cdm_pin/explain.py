@@ -98,12 +98,15 @@ def explain(search: Search, progress: ProgressCallback | None = None) -> Explana
     say("columns of every effect", 0.0)
     bank = search.bank([*all_candidates(search.problem), *tones(search)])
     accepted: list[Candidate] = []
-    for turn in range(3):
-        say("searching", 0.1 + 0.25 * turn)
+    for turn in range(4):
+        say("searching", 0.1 + 0.2 * turn)
         search, bank, grown = _grow(search, bank, accepted, say)
         if not turn and grown and rubs_everywhere(search, grown):
             return _everything(search, bank, say)
         accepted = patch(search, bank, grown) or grown
+        if accepted is not grown and _has_a_name(search, bank, grown, accepted):
+            accepted = grown
+            continue
         if len(grown) < search.settings.at_once and accepted is grown:
             break
     say("rivals", 0.9)
@@ -208,7 +211,7 @@ def _grow(search: Search, bank: Bank, accepted: list[Candidate], say: Reporter) 
         leaders = [c for c, _, _ in _leaders(search, clear, bank, 12, accepted)]
         say.looked(clear, leaders)
         winner = _winner(search, clear, leaders)
-        if winner is None:
+        if winner is None or (accepted and _is_outdone(search, clear, bank, accepted, winner)):
             break
         accepted = search.tuned([*accepted, winner[0]], clear.whitener)
         search = search.about(search.fit(accepted, clear.whitener))
@@ -217,6 +220,13 @@ def _grow(search: Search, bank: Bank, accepted: list[Candidate], say: Reporter) 
         accepted = search.tuned(accepted, search.clear(accepted))
         search, bank, accepted = _sided(search, bank, accepted)
     return search, bank, accepted
+
+
+def _is_outdone(search: Search, clear: Fit, bank: Bank, accepted: list[Candidate], winner) -> bool:
+    """Whether a correction without a name explains far more than the best effect of the catalogue."""
+    unnamed = _leaders(search, clear, bank, 1, accepted, named=False)
+    own = gain(search, clear, *winner)
+    return any(gain(search, clear, c, s) > 1.5 * own + 50.0 and _passes(search, c, s, w, clear) for c, s, w in unnamed)
 
 
 def _sided(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Search, Bank, list[Candidate]]:
@@ -239,9 +249,12 @@ def _sided(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Searc
 
     best = None
     for j, candidate in enumerate(accepted):
-        if not (candidate.named and candidate.loads):
+        if not (candidate.named and candidate.loads and len(candidate.place.index) == 1):
             continue
+        kinds = {place.location["kind"] for place in candidate.effect.places(search.problem.model)}
         for twin in twin_places(search.problem.model, candidate.place):
+            if twin.location["kind"] not in kinds:
+                continue
             best = best or settled(accepted)
             laws = [replace(candidate, place=twin)]
             if candidate.effect.nuisance_shape and candidate.effect.name != "coulomb_friction":
@@ -287,6 +300,19 @@ def patch(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candida
             ):
                 return [*rest, candidate]
     return None
+
+
+def _has_a_name(search: Search, bank: Bank, grown: list[Candidate], patched: list[Candidate]):
+    """Whether one more effect of the catalogue explains all that a correction without a name would."""
+    if len(grown) >= search.settings.most:
+        return False
+    clear = search.fit(grown, search.clear(grown))
+    new = [c for c in patched if not c.named and c not in grown]
+    winner = _winner(search, clear, [c for c, _, _ in _leaders(search, clear, bank, 6, grown)])
+    if winner is None or not new or not _passes(search, *winner, 0.01, clear):
+        return False
+    unnamed = gain(search, clear, new[0], search.score(clear, new[0]))
+    return gain(search, clear, *winner) > unnamed - max(20.0, 0.03 * unnamed)
 
 
 def _meets(a: Candidate, b: Candidate) -> bool:

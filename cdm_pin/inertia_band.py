@@ -83,6 +83,8 @@ def _rub(motion: Motion, band: Any) -> Vector:
     for name in ("viscous_friction", "coulomb_friction", "torque_offset"):
         effect = CATALOGUE[name]
         for place in effect.places(motion.model):
+            if place.is_pair:
+                continue
             shape = effect.grid([motion], place)[0]
             along = effect.columns(motion, place, shape).along
             assert along is not None

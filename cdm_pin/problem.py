@@ -143,11 +143,6 @@ class Problem:
         return [run.motion for run in self.runs]
 
     @cached_property
-    def apart(self) -> np.ndarray:
-        """Which motors have an encoder of their own; what is computed from the joints tells nothing of the cable."""
-        return np.any([run.data[self.model.n_motors * self.torque :].any(axis=1) for run in self.runs], axis=0)
-
-    @cached_property
     def segments(self) -> list[Segments]:
         """Per run the stretches without gaps."""
         return [self.band.segments(run.signals.valid) for run in self.runs]
@@ -210,7 +205,7 @@ class Problem:
         if self.torque and columns.torque is not None:
             full[:, :m] = columns.torque.transpose(2, 1, 0)
         if self.kinematic and columns.kinematic is not None:
-            full[:, m * self.torque :] = columns.kinematic.transpose(2, 1, 0) * self.apart[:, None]
+            full[:, m * self.torque :] = columns.kinematic.transpose(2, 1, 0)
         lines = Lines.of(full)
         return Lines(self.band.reduce(lines.series), lines.weights, lines.owner, lines.n_columns)
 
@@ -312,9 +307,11 @@ def _parted(travel: Vector, band: Band, signals: Signals, model: CableModel, lim
     return bool(np.any(np.std(moved, axis=1) > limit * np.sqrt(share) * _both_noise(signals, model)))
 
 
-def _two(travel: Vector, signals: Signals, model: CableModel, least: float = 1e-3) -> np.ndarray:
-    """Whether motors' positions differ from the joints' by as much as two encoders must, shape (n_motors,)."""
-    return np.std(travel, axis=0) > least * _both_noise(signals, model)
+def _dithered(travel: Vector, signals: Signals, model: CableModel, least: float = 1e-3) -> Vector:
+    """Give encoders on both sides that agree to the last digit the noise that they must have: they say no more."""
+    noise = _both_noise(signals, model)
+    alike = np.std(travel, axis=0) < least * noise
+    return travel + alike * noise * np.random.default_rng(0).standard_normal(travel.shape)
 
 
 def _both_noise(signals: Signals, model: CableModel) -> Vector:
@@ -370,5 +367,5 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
 
         channels[0] = channels[0] - added_torque(motion)
     if kinematic:
-        channels.append(np.where(_two(travel, signals, model), travel, 0.0) * motion.arm_scale)
+        channels.append(_dithered(travel, signals, model) * motion.arm_scale)
     return Run(signals, motion, np.concatenate(channels, axis=1).T)
