@@ -20,6 +20,7 @@ from .model import CableModel
 from .next_experiment import Experiment, plan_next
 from .problem import Problem, make_problem
 from .recording import Recording
+from .regions import change_time, region
 from .replay import Replay, simulated_position
 from .replay_runs import replay_runs
 from .selection import Fit, ProgressCallback, Search, Settings, errors, rms
@@ -328,7 +329,7 @@ def _report(model: CableModel, search: Search, judge: Search | None, explanation
     if patches:
         unexplained = _unexplained(explanation, patches, search)
     else:
-        unexplained, excess = _beyond_floor(search, judge, explanation, _patience(search, explanation, bool(stated)))
+        unexplained, excess = _beyond_floor(search, judge, explanation)
         if unexplained is not None and not explanation.everywhere:
             motor = unexplained["location"]["index"]
             sure = [j for j in stated if fi.outweighs(model, explanation.found[j], motor, excess)]
@@ -418,7 +419,7 @@ def _finding(
         },
         "indistinguishable_from": fi.indistinguishable(search, explanation, j),
         "time": time,
-        "region": None,
+        "region": region(search, fit, j),
     }
     if judge is None:
         item["unconfirmed"] = True
@@ -454,7 +455,7 @@ def _unexplained(explanation: Explanation, patches: Sequence[Found], search: Sea
     nearest = [{"effect": r.effect.name, "location": fi.location(r)} for r, _ in main.rivals if r.named][:3]
     return {
         "location": {"kind": place["kind"], "index": place["index"]},
-        "time": None,
+        "time": change_time(main.candidate, explanation.fit.beta[j], search.problem.motions[0]),
         "region": main.candidate.effect.revealed_by.format(place=words),
         "rms": size,
         "nearest": nearest,
@@ -475,23 +476,15 @@ def _nameless(search: Search, explanation: Explanation) -> dict[str, Any] | None
     return _unexplained(replace(explanation, found=(*explanation.found, found), fit=fit), [found], search)
 
 
-def _patience(search: Search, explanation: Explanation, found: bool) -> float:
-    """Say how far above the floor a residual may stay without a word.
-
-    Corrections without a name see torques only, so less where there is travel alone.
-    """
-    if not search.problem.torque:
-        return 1.5
-    return 3.0 if found and not explanation.everywhere else 2.0
-
-
 def _beyond_floor(
-    search: Search, judge: Search | None, explanation: Explanation, limit: float
+    search: Search, judge: Search | None, explanation: Explanation
 ) -> tuple[dict[str, Any] | None, float]:
     """Say where a residual is left that no correction describes either; None where it is near the floor.
 
-    The second value is how large it is, as a sum of squares in units of the noise.
+    The second value is how large it is, as a sum of squares in units of the noise. Corrections without a name see
+    torques only, so where there is travel alone less may be left without a word.
     """
+    limit = 2.0 if search.problem.torque else 1.5
     fit, both = explanation.fit, [search] if judge is None else [search, judge]
     rests = [there.left_over(fit.effects, smooth=False)[1].rms for there in both]
     floors = [np.hypot(np.maximum(noise_floor(there, fit.effects), 1e-12), _accuracy(there, fit)) for there in both]
@@ -501,12 +494,12 @@ def _beyond_floor(
     if not search.problem.segments or ratio[worst] < limit:
         return None, 0.0
     motor = worst % search.problem.model.n_motors + 1
-    region = f"the error of motor {motor} is {ratio[worst]:.1f} times its noise, in no shape that was tried"
+    words = f"the error of motor {motor} is {ratio[worst]:.1f} times its noise, in no shape that was tried"
     samples = fit.n_rows / search.problem.n_channels
     return {
         "location": {"kind": "motor", "index": motor},
         "time": None,
-        "region": region,
+        "region": words,
         "rms": float(rest[worst]),
         "nearest": [],
     }, float(ratio[worst] ** 2 - 1) * samples
