@@ -515,6 +515,8 @@ def _split(search: Search, bank: Bank, accepted: list[Candidate], whitener: Whit
             if old.detail:
                 leader = leader.detailed(search.problem.motions)
             first, s = search.refine(without, _same_width(leader, old))
+            if not np.isfinite(s.statistic):
+                continue
             beside = search.fit([*others, first], whitener)
             second = _winner(search, beside, [c for c, _, _ in _leaders(search, beside, bank, 3, [*others, first])])
             if second is None or not _passes(search, *second, 0.01, beside):
