@@ -43,9 +43,9 @@ def rubs_everywhere(search: Search, found: Sequence[Candidate], least: int = 3) 
 
 
 def _rubs(candidate: Candidate) -> bool:
-    """Whether it is friction of some kind along one axis."""
+    """Whether it is friction of some kind along one coordinate."""
     name = candidate.effect.name
-    return bool(candidate.place.A) and not candidate.place.is_pair and ("friction" in name or name == "hysteresis")
+    return bool(candidate.place.A) and ("friction" in name or name == "hysteresis")
 
 
 def at_all_axes(search: Search, names: Sequence[str]) -> list[Candidate]:
