@@ -419,7 +419,7 @@ def _finding(
         },
         "indistinguishable_from": fi.indistinguishable(search, explanation, j),
         "time": time,
-        "region": region(search, fit, j),
+        "region": None if candidate.effect.name in ONCE else region(search, fit, j),
     }
     if judge is None:
         item["unconfirmed"] = True

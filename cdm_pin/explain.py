@@ -226,7 +226,7 @@ def _is_outdone(search: Search, clear: Fit, bank: Bank, accepted: list[Candidate
     """Whether a correction without a name explains far more than the best effect of the catalogue."""
     unnamed = _leaders(search, clear, bank, 1, accepted, named=False)
     own = gain(search, clear, *winner)
-    return any(gain(search, clear, c, s) > 1.5 * own + 50.0 and _passes(search, c, s, w, clear) for c, s, w in unnamed)
+    return any(gain(search, clear, c, s) > 2.5 * own + 50.0 and _passes(search, c, s, w, clear) for c, s, w in unnamed)
 
 
 def _sided(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Search, Bank, list[Candidate]]:

@@ -13,7 +13,7 @@ from .motion import Motion
 from .selection import Fit, Search
 
 BINS = 8  # of angle and of time
-CLEAR = 1.5  # times the energy per second that a region has to have over the mean
+CLEAR = 1.8  # times the energy per second that a region has to have over the mean
 
 
 def visible_energy(search: Search, fit: Fit, j: int) -> list[Vector]:
