@@ -146,7 +146,7 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
 
     slack = 0.5 * settings.law_error**2 * found.score.statistic
     for rival, difference in found.rivals:
-        if not rival.named:
+        if not rival.named or _is_idle(search, explanation.fit, found, rival, difference):
             continue
         if difference > -max(settings.close, slack):
             add(rival.effect.name, rival.location)
@@ -164,6 +164,16 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
     for other in coupled_alike(search.problem.model, found.candidate):
         add(effect.name, other)
     return out
+
+
+def _is_idle(search: Search, fit: Fit, found: Found, rival: Candidate, difference: float) -> bool:
+    """Whether a rival is a refinement with more parameters that the data do not lean to; it is no rival then.
+
+    Near the limit of visibility they may lean to it without asking for it.
+    """
+    more = len(search.columns(rival)[0]) + rival.extra - len(search.columns(found.candidate)[0]) - found.candidate.extra
+    gained = 2 * difference + np.log(fit.n_rows) * more
+    return more > 0 and (found.score.statistic > 2000.0 or difference < -search.settings.close or gained < 4.0)
 
 
 @lru_cache(maxsize=4096)
