@@ -14,7 +14,7 @@ from .base import base_parameters, massive_columns
 from .consistency import nearest_standard
 from .effects import STOPS, Candidate, Place, axis_places
 from .everywhere import agreements, confirmed
-from .explain import Explanation, Found, explain, explained, left_over, patch
+from .explain import Explanation, Found, explain, explained, patch, unnamed
 from .geometry import Manipulator, Vector, frozen_array
 from .model import CableModel
 from .next_experiment import Experiment, plan_next
@@ -166,9 +166,9 @@ def _reconsidered(search: Search, judge: Search, explanation: Explanation) -> Ex
     for j, found in enumerate(explanation.found):
         if found.candidate.effect.name in ONCE:
             continue
-        size = len(search.columns(found.candidate)[0]) + found.candidate.extra
+        size = search.size(found.candidate)
         near = [(c, d) for c, d in found.rivals if c.named and d > -15.0 - 0.02 * found.score.statistic]
-        near = [(c, d) for c, d in near if len(search.columns(c)[0]) + c.extra <= size][:3]
+        near = [(c, d) for c, d in near if search.size(c) <= size][:3]
         others = [f.candidate for i, f in enumerate(explanation.found) if i != j]
         if not near:
             continue
@@ -228,8 +228,7 @@ def _restricted(search: Search, explanation: Explanation, found: Sequence[Found]
     rigid = search.fit([], fit.whitener)
     renewed = []
     for j, f in enumerate(found):
-        without = search.fit([c for i, c in enumerate(candidates) if i != j], fit.whitener)
-        renewed.append(replace(f, score=search.score(without, f.candidate)))
+        renewed.append(replace(f, score=search.score(search.without(fit, j), f.candidate)))
     return Explanation(tuple(renewed), fit, rigid, explanation.bank, search, explanation.everywhere)
 
 
@@ -246,7 +245,7 @@ def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
     found, fit = explanation.found[j], explanation.fit
     if fit.effects[j].effect.name in ONCE:
         return True
-    without = explanation.search.fit([c for i, c in enumerate(fit.effects) if i != j], fit.whitener)
+    without = explanation.search.without(fit, j)
     change = [a - b for a, b in zip(_stacked(judge, fit), _stacked(judge, without), strict=True)]
     due = _updated(judge, without, change)[0]
     if _unseen(judge, without) - _unseen(judge, fit) < max(3.0 * found.candidate.named, 0.1 * due):
@@ -363,7 +362,7 @@ def _report(model: CableModel, search: Search, judge: Search | None, explanation
             "file": "next.csv",
             "change": experiment.change,
             "power": experiment.power,
-            "separates": [{"effect": c.effect.name, "location": fi.location(c)} for c in experiment.rivals],
+            "separates": [{"effect": c.effect.name, "location": c.location} for c in experiment.rivals],
         }
     completed = completed_manipulator(model, search, fit, tuple(records), covariance)
     replays = replay_runs(search, judge, own_rigid, fit, completed)
@@ -376,10 +375,10 @@ def _unresolved(explanation: Explanation, items: Sequence[dict[str, Any]]) -> li
     out = []
     for item in items:
         for j, found in enumerate(explanation.found):
-            if (found.candidate.effect.name, fi.location(found.candidate)) != (item["effect"], item["location"]):
+            if (found.candidate.effect.name, found.candidate.location) != (item["effect"], item["location"]):
                 continue
             listed = [(e["effect"], e["location"]) for e in item["indistinguishable_from"]]
-            out += [(j, c) for c, _ in found.rivals if (c.effect.name, fi.location(c)) in listed][:2]
+            out += [(j, c) for c, _ in found.rivals if (c.effect.name, c.location) in listed][:2]
     return out[:2]
 
 
@@ -402,7 +401,7 @@ def _finding(
     found, fit = explanation.found[j], explanation.fit
     reduction = None
     if judge is not None:
-        without = search.fit([c for i, c in enumerate(fit.effects) if i != j], fit.whitener)
+        without = search.without(fit, j)
         level = np.maximum(rms(judge, errors(judge, fit.base, fit.effects, fit.beta)), 1e-12)
         after, before = (_weighted(judge, errors(judge, f.base, f.effects, f.beta), level) for f in (fit, without))
         reduction = 1 - float(np.sqrt(after / before))
@@ -410,7 +409,7 @@ def _finding(
     time = [candidate.shape[0], candidate.shape[1]] if candidate.effect.name == "external_torque" else None
     item = {
         "effect": candidate.effect.name,
-        "location": fi.location(candidate),
+        "location": candidate.location,
         "parameters": {k: v for k, v in values.items() if k not in ("start", "end")},
         "evidence": {
             "delta_bic": fi.refit_gain(found),
@@ -428,7 +427,7 @@ def _finding(
 
 def _records(candidate: Candidate, values: dict[str, Any], beta: Vector) -> list[dict[str, Any]]:
     """Say an effect as model files do; a hysteresis of several elements is one entry for each."""
-    place = fi.location(candidate)
+    place = candidate.location
     if candidate.effect.name == "hysteresis" and candidate.detail and candidate.shape[1] < 0.5:
         out = []
         for limit, share, form in zip(beta, (1.0, *STOPS), (candidate.shape[1], *[0.5] * len(STOPS)), strict=False):
@@ -450,15 +449,30 @@ def _unexplained(explanation: Explanation, patches: Sequence[Found], search: Sea
     columns = search.columns(main.candidate)
     torque = [np.tensordot(explanation.fit.beta[j], c, 1) for c in columns]
     size = float(np.sqrt(np.sum(rms(search, torque) ** 2)))
-    place = fi.location(main.candidate)
-    words = f"{place['kind']} {place.get('index', '')}".strip()
-    nearest = [{"effect": r.effect.name, "location": fi.location(r)} for r, _ in main.rivals if r.named][:3]
+    place = main.candidate.location
+    words = f"{place['kind']} {place['index']}"
+    nearest = [{"effect": r.effect.name, "location": r.location} for r, _ in main.rivals if r.named][:3]
+    time = change_time(main.candidate, explanation.fit.beta[j], search.problem.motions[0])
+    return _something(
+        place["kind"], place["index"], main.candidate.effect.revealed_by.format(place=words), size, time, nearest
+    )
+
+
+def _something(
+    kind: str,
+    index: int | Sequence[int],
+    region: str,
+    size: float,
+    time: list[float] | None = None,
+    nearest: Sequence[dict[str, Any]] = (),
+) -> dict[str, Any]:
+    """Say where something is that has no name, as the diagnosis format does; `size` is a root mean square."""
     return {
-        "location": {"kind": place["kind"], "index": place["index"]},
-        "time": change_time(main.candidate, explanation.fit.beta[j], search.problem.motions[0]),
-        "region": main.candidate.effect.revealed_by.format(place=words),
+        "location": {"kind": kind, "index": index},
+        "time": time,
+        "region": region,
         "rms": size,
-        "nearest": nearest,
+        "nearest": list(nearest),
     }
 
 
@@ -467,7 +481,7 @@ def _nameless(search: Search, explanation: Explanation) -> dict[str, Any] | None
     if not explanation.everywhere:
         return None
     effects = [f.candidate for f in explanation.found]
-    patch = left_over(search, explanation.bank, effects)
+    patch = unnamed(search, explanation.bank, effects)
     if patch is None:
         return None
     fit = search.fit([*effects, patch], explanation.fit.whitener)
@@ -496,13 +510,7 @@ def _beyond_floor(
     motor = worst % search.problem.model.n_motors + 1
     words = f"the error of motor {motor} is {ratio[worst]:.1f} times its noise, in no shape that was tried"
     samples = fit.n_rows / search.problem.n_channels
-    return {
-        "location": {"kind": "motor", "index": motor},
-        "time": None,
-        "region": words,
-        "rms": float(rest[worst]),
-        "nearest": [],
-    }, float(ratio[worst] ** 2 - 1) * samples
+    return _something("motor", motor, words, float(rest[worst])), float(ratio[worst] ** 2 - 1) * samples
 
 
 def _accuracy(search: Search, fit: Fit) -> Vector:
@@ -541,14 +549,8 @@ def _wandering(search: Search, fit: Fit) -> dict[str, Any] | None:
         return abs(float(w @ direction)) / float(np.linalg.norm(w))
 
     place = max(axis_places(model), key=along).location
-    words = f"{place['kind']} {place['index']}"
-    return {
-        "location": {"kind": place["kind"], "index": place["index"]},
-        "time": None,
-        "region": f"torque on {words} that wanders slowly with time",
-        "rms": float(np.sqrt(np.mean(np.sum(both**2, axis=0)))),
-        "nearest": [],
-    }
+    words = f"torque on {place['kind']} {place['index']} that wanders slowly with time"
+    return _something(place["kind"], place["index"], words, float(np.sqrt(np.mean(np.sum(both**2, axis=0)))))
 
 
 def changed_parameters(model: CableModel, search: Search, explanation: Explanation) -> list[dict[str, Any]]:

@@ -189,14 +189,15 @@ def joint_places(model: CableModel) -> list[Place]:
             aliases.append({"kind": "motor", "index": int(moving[0]) + 1})
         if model.manipulator.links:
             aliases.append({"kind": "cable", "index": i + 1, "link": i})
-        elif any(_parallel(rows[i], rows[place.index[0]]) for place in places):
+        elif any(parallel(rows[i], rows[place.index[0]]) for place in places):
             continue
         places.append(Place({"kind": "joint", "index": i + 1}, _unit(nj, i), (0.0,) * nm, (i,), tuple(aliases)))
     return places
 
 
-def _parallel(a: Vector, b: Vector) -> bool:
-    return bool(abs(a @ b) > (1 - 1e-9) * np.linalg.norm(a) * np.linalg.norm(b))
+def parallel(a: Vector, b: Vector, least: float = 1 - 1e-9) -> bool:
+    """Whether the cosine between two directions, of either sign, is more than `least`."""
+    return bool(abs(a @ b) > least * np.linalg.norm(a) * np.linalg.norm(b))
 
 
 def motor_places(model: CableModel) -> list[Place]:
@@ -205,7 +206,7 @@ def motor_places(model: CableModel) -> list[Place]:
     taken = {alias["index"] for place in joints for alias in place.aliases if alias["kind"] == "motor"}
     if not model.manipulator.links:
         own = model.joint_from_motor[[place.index[0] for place in joints]]
-        taken |= {i + 1 for i in range(model.n_motors) if any(_parallel(np.eye(model.n_motors)[i], row) for row in own)}
+        taken |= {i + 1 for i in range(model.n_motors) if any(parallel(np.eye(model.n_motors)[i], row) for row in own)}
     return [place for place in all_motor_places(model) if place.location["index"] not in taken]
 
 
@@ -222,7 +223,7 @@ def twin_places(model: CableModel, place: Place) -> list[Place]:
         return []
     own = place.weights(model)
     sides = joint_places(model) if any(place.B) else all_motor_places(model)
-    return [other for other in sides if _parallel(other.weights(model), own)]
+    return [other for other in sides if parallel(other.weights(model), own)]
 
 
 def guide_places(model: CableModel) -> list[Place]:
@@ -516,7 +517,7 @@ def at_known_place(candidate: Candidate, model: CableModel, alike: float = 0.999
     w = np.array(pair.B)
     for place in rub_places(model):
         own = place.weights(model)
-        if abs(own @ w) > alike * np.linalg.norm(own) * np.linalg.norm(w):
+        if parallel(own, w, alike):
             scale = float(np.linalg.norm(own) / np.linalg.norm(w))
             return replace(candidate, place=place, shape=(*(x * scale for x in shape[:1]), *shape[1:]))
     return candidate
@@ -1378,8 +1379,7 @@ class Candidate:
             Of the torque, where nothing was left open; a quarter of it where that was (`detail`).
         """
         columns = self.columns(motion)
-        if self.effect.detail is None or columns.along is None:
-            return columns
+        assert self.effect.detail is not None and columns.along is not None
         series, w = columns.along
         size = float(np.sqrt(np.mean((beta @ series[: len(beta)]) ** 2))) * share * (0.25 if self.detail else 1.0)
         return Columns(along=(size * np.stack(self.effect.detail(motion, *self._here, self.shape[0])), w))

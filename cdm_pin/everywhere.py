@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .effects import CATALOGUE, Candidate, axis_places, joint_places
+from .effects import CATALOGUE, Candidate, axis_places, joint_places, parallel
 from .selection import Fit, Search
 
 FRICTION = ("viscous_friction", "coulomb_friction", "torque_offset")
@@ -103,9 +103,11 @@ def sprung(search: Search, effects: list[Candidate]) -> list[Candidate]:
         best: tuple[float, list[Candidate]] | None = None
         for place in joint_places(model):
             w = place.weights(model)
-            if any(c.effect.name == "joint_spring" and _alike(c.place.weights(model), w) for c in effects):
+            if any(c.effect.name == "joint_spring" and parallel(c.place.weights(model), w, 0.999) for c in effects):
                 continue
-            rest = [c for c in effects if c.effect.name != "torque_offset" or not _alike(c.place.weights(model), w)]
+            rest = [
+                c for c in effects if c.effect.name != "torque_offset" or not parallel(c.place.weights(model), w, 0.999)
+            ]
             without = search.fit(rest, fit.whitener)
             for shape in ((0.0,), (1.0,)):
                 spring = Candidate(CATALOGUE["joint_spring"], place, shape)
@@ -126,10 +128,6 @@ def _restores(search: Search, spring: Candidate, beta: np.ndarray) -> bool:
     q = np.concatenate([spring.place.along(m.q, m.q_m) for m in search.problem.motions])
     slope = beta[0] + (2 * beta[2] * q + 3 * beta[3] * q**2 if len(beta) > 2 else 0.0 * q)
     return bool(np.mean(slope > 0) > 0.9)
-
-
-def _alike(a: np.ndarray, b: np.ndarray) -> bool:
-    return bool(abs(a @ b) > 0.999 * np.linalg.norm(a) * np.linalg.norm(b))
 
 
 def needed(search: Search, effects: list[Candidate], rounds: int = 3, least: float = 30.0) -> list[Candidate]:

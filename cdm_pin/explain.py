@@ -119,25 +119,29 @@ def explain(search: Search, progress: ProgressCallback | None = None) -> Explana
 def settled(search: Search, accepted: list[Candidate], rounds: int = 2) -> tuple[Search, list[Candidate]]:
     """Take the columns of what was found about the completed model, and estimate all shapes together."""
     if accepted:
-        for _ in range(rounds):
-            search = search.about(search.fit(accepted))
-            accepted = search.tuned(accepted, search.noise(accepted))
+        search, accepted = _in_turn(search, accepted, rounds=rounds)
         search = search.about(search.fit(accepted))
     return search, accepted
+
+
+def _in_turn(
+    search: Search, effects: list[Candidate], whitener: Whitener | None = None, rounds: int = 2
+) -> tuple[Search, list[Candidate]]:
+    """Move the search about the completed model and estimate all shapes, in turn; in one noise or in what is left."""
+    for _ in range(rounds):
+        search = search.about(search.fit(effects, whitener))
+        effects = search.tuned(effects, whitener or search.noise(effects))
+    return search, effects
 
 
 def _simplest(explanation: Explanation) -> Explanation:
     """Let the simplest of those laws stand that the data cannot tell apart at a place."""
     search, accepted = explanation.search, [f.candidate for f in explanation.found]
-
-    def size(c: Candidate) -> int:
-        return len(search.columns(c)[0]) + c.extra
-
     for j, found in enumerate(explanation.found):
         slack = max(search.settings.close, 0.5 * search.settings.law_error**2 * found.score.statistic)
         near = [c for c, difference in found.rivals if difference > -slack and c.named == found.candidate.named]
         here = [c for c in near if c.place.location == found.candidate.place.location]
-        accepted[j] = min([found.candidate, *here], key=size)
+        accepted[j] = min([found.candidate, *here], key=search.size)
     if accepted == [f.candidate for f in explanation.found]:
         return explanation
     return explained(search, explanation.bank, search.tuned(accepted, search.noise(accepted)))
@@ -166,16 +170,12 @@ def _everything(search: Search, bank: Bank, say: Reporter) -> Explanation:
     search = search.about(search.fit(accepted))
     bank = search.renewed(bank)
     fit = search.fit(accepted)
-    found = [Found(c, search.score(_without(search, fit, c), c), 0.0, 0.0) for c in accepted]
+    found = [Found(c, search.score(search.without(fit, j), c), 0.0, 0.0) for j, c in enumerate(accepted)]
     say.looked(fit)
     return Explanation(tuple(found), fit, search.fit([], fit.whitener), bank, search, everywhere=True)
 
 
-def _without(search: Search, fit: Fit, candidate: Candidate) -> Fit:
-    return search.fit([c for c in fit.effects if c is not candidate], fit.whitener)
-
-
-def left_over(search: Search, bank: Bank, accepted: list[Candidate]) -> Candidate | None:
+def unnamed(search: Search, bank: Bank, accepted: list[Candidate]) -> Candidate | None:
     """Give the correction without a name that explains most of what is left; None where none is asked for."""
     fit = search.fit(accepted)
     clear = search.fit(accepted, search.clear(accepted))
@@ -224,9 +224,9 @@ def _grow(search: Search, bank: Bank, accepted: list[Candidate], say: Reporter) 
 
 def _is_outdone(search: Search, clear: Fit, bank: Bank, accepted: list[Candidate], winner) -> bool:
     """Whether a correction without a name explains far more than the best effect of the catalogue."""
-    unnamed = _leaders(search, clear, bank, 1, accepted, named=False)
+    best = _leaders(search, clear, bank, 1, accepted, named=False)
     own = gain(search, clear, *winner)
-    return any(gain(search, clear, c, s) > 2.5 * own + 50.0 and _passes(search, c, s, w, clear) for c, s, w in unnamed)
+    return any(gain(search, clear, c, s) > 2.5 * own + 50.0 and _passes(search, c, s, w, clear) for c, s, w in best)
 
 
 def _sided(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Search, Bank, list[Candidate]]:
@@ -238,14 +238,10 @@ def _sided(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Searc
         return search, bank, accepted
     whitener = search.clear(accepted)
 
-    def settled(effects: list[Candidate]) -> tuple[float, Search, list[Candidate]]:
-        there = search
-        for _ in range(2):
-            there = there.about(there.fit(effects, whitener))
-            effects = there.tuned(effects, whitener)
+    def judged(effects: list[Candidate]) -> tuple[float, Search, list[Candidate]]:
+        there, effects = _in_turn(search, effects, whitener)
         fit = there.fit(effects, whitener)
-        size = sum(len(there.columns(c)[0]) + c.extra for c in effects)
-        return fit.deviance + np.log(fit.n_rows) * size, there, effects
+        return fit.deviance + np.log(fit.n_rows) * there.size(*effects), there, effects
 
     best = None
     for j, candidate in enumerate(accepted):
@@ -255,13 +251,13 @@ def _sided(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Searc
         for twin in twin_places(search.problem.model, candidate.place):
             if twin.location["kind"] not in kinds:
                 continue
-            best = best or settled(accepted)
+            best = best or judged(accepted)
             laws = [replace(candidate, place=twin)]
             if candidate.effect.nuisance_shape and candidate.effect.name != "coulomb_friction":
                 plain = CATALOGUE["coulomb_friction"]
                 laws.append(Candidate(plain, twin, candidate.shape[:1], candidate.detail))
             for law in laws:
-                other = settled([*accepted[:j], law, *accepted[j + 1 :]])
+                other = judged([*accepted[:j], law, *accepted[j + 1 :]])
                 if other[0] < best[0] - 10.0:
                     best = other
     return (search, bank, accepted) if best is None else (best[1], best[1].renewed(bank), best[2])
@@ -276,19 +272,17 @@ def patch(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candida
     s = search.settings
     fit = search.fit(accepted)
     clear = search.fit(accepted, search.clear(accepted))
-    for f in (fit, clear):
-        for candidate, score, weight in _leaders(search, f, bank, 3, accepted, named=False):
-            heard = f is fit or (_is_loud(score) and _is_seconded(search, fit, candidate, score, weight))
-            if heard and gain(search, f, candidate, score) > 0 and _passes(search, candidate, score, weight, f):
-                rest = [c for c in accepted if not _meets(c, candidate)]
-                kept = _worth(search, clear, accepted, rest, candidate)
-                return [*(accepted if kept else rest), candidate]
+    added = unnamed(search, bank, accepted)
+    if added is not None:
+        rest = [c for c in accepted if not _meets(c, added)]
+        kept = _worth(search, clear, accepted, rest, added)
+        return [*(accepted if kept else rest), added]
     for place in {(c.place.A, c.place.B): c for c in accepted if c.named and c.place.A}.values():
         rest = [c for c in accepted if not _meets(c, place)]
         without = search.fit(rest, clear.whitener)
         taken = len(accepted) - len(rest)
         statistic = without.deviance - clear.deviance
-        k = sum(len(search.columns(c)[0]) + c.extra for c in accepted if _meets(c, place))
+        k = search.size(*(c for c in accepted if _meets(c, place)))
         old = 0.5 * statistic - 0.5 * np.log(clear.n_rows) * k
         for candidate, score, weight in _leaders(search, without, bank, 2, rest, named=False):
             margin = 0.5 * s.patch_law_error**2 * statistic * (1 if taken < 3 else -1)
@@ -311,8 +305,8 @@ def _has_a_name(search: Search, bank: Bank, grown: list[Candidate], patched: lis
     winner = _winner(search, clear, [c for c, _, _ in _leaders(search, clear, bank, 6, grown)])
     if winner is None or not new or not _passes(search, *winner, 0.01, clear):
         return False
-    unnamed = gain(search, clear, new[0], search.score(clear, new[0]))
-    return gain(search, clear, *winner) > unnamed - max(20.0, 0.03 * unnamed)
+    own = gain(search, clear, new[0], search.score(clear, new[0]))
+    return gain(search, clear, *winner) > own - max(20.0, 0.03 * own)
 
 
 def _meets(a: Candidate, b: Candidate) -> bool:
@@ -482,8 +476,8 @@ def _merge(search: Search, bank: Bank, accepted: list[Candidate], whitener: Whit
         for j in range(i + 1, len(accepted)):
             if not (accepted[i].named and accepted[j].named):
                 continue
-            others = [c for k, c in enumerate(accepted) if k not in (i, j)]
-            without = search.fit(others, whitener)
+            without = search.without(search.fit(accepted, whitener), i, j)
+            others = list(without.effects)
             pair = without.deviance - search.fit(accepted, whitener).deviance
             k = sum(search.score(without, c).k + c.extra for c in (accepted[i], accepted[j]))
             both = 0.5 * pair - 0.5 * np.log(without.n_rows) * k
@@ -500,10 +494,10 @@ def _split(search: Search, bank: Bank, accepted: list[Candidate], whitener: Whit
     whole = search.fit(accepted, whitener)
     reached = whole.deviance < whole.n_rows + 4.0 * np.sqrt(2.0 * whole.n_rows)
     for j, old in enumerate(accepted):
-        if not old.named or (reached and len(search.columns(old)[0]) + old.extra < 3):
+        if not old.named or (reached and search.size(old) < 3):
             continue
-        others = [c for i, c in enumerate(accepted) if i != j]
-        without = search.fit(others, whitener)
+        without = search.without(whole, j)
+        others = list(without.effects)
         own = search.score(without, old)
         after = [gain(search, whole, c, s) for c, s, _ in _leaders(search, whole, bank, 1, accepted)]
         base = gain(search, without, old, own) + max([0.0, *after])
@@ -533,7 +527,7 @@ def _split(search: Search, bank: Bank, accepted: list[Candidate], whitener: Whit
 
 def _alone(search: Search, accepted: list[Candidate], j: int, whitener: Whitener) -> float:
     """Bound the statistic that effect `j` would get from errors of the other laws."""
-    without = search.fit([c for i, c in enumerate(accepted) if i != j], whitener)
+    without = search.without(search.fit(accepted, whitener), j)
     return _error_of_laws(search, accepted[j], search.score(without, accepted[j]), without)
 
 
@@ -543,9 +537,9 @@ def prune(search: Search, accepted: list[Candidate]) -> list[Candidate]:
         fit = search.fit(accepted)
         weakest, worst = -1, np.inf
         for j, candidate in enumerate(accepted):
-            others = search.fit([c for i, c in enumerate(accepted) if i != j], fit.whitener)
-            score = search.score(others, candidate)
-            quiet = not _passes(search, candidate, score, 0.01, others)
+            without = search.without(fit, j)
+            score = search.score(without, candidate)
+            quiet = not _passes(search, candidate, score, 0.01, without)
             if _backwards(search, fit, j):
                 score = replace(score, statistic=-np.inf)
             if score.statistic < worst and ((quiet and not _is_loud(score)) or score.statistic < 0.0):
@@ -567,13 +561,11 @@ def _backwards(search: Search, fit: Fit, j: int) -> bool:
 def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> Found:
     """Set an accepted effect against everything that could stand in its place."""
     candidate = accepted[j]
-    others = [c for i, c in enumerate(accepted) if i != j]
-    without = search.fit(others, search.fit(accepted).whitener)
+    without = search.without(search.fit(accepted), j)
     score = search.score(without, candidate)
     own = gain(search, without, candidate, score)
     rivals = []
-    rivals_now = _leaders(search, without, bank, 12, [*others, candidate], None, [candidate])
-    for leader, _, _ in rivals_now:
+    for leader, _, _ in _leaders(search, without, bank, 12, accepted, None, [candidate]):
         if candidate.detail:
             leader = leader.detailed(search.problem.motions)
         leader = _same_width(leader, candidate)

@@ -19,11 +19,6 @@ from .whitening import log_p
 Location = dict[str, Any]
 
 
-def location(candidate: Candidate) -> Location:
-    """Give the location of a candidate in the words of the diagnosis format."""
-    return candidate.location
-
-
 def joint_covariance(search: Search, fit: Fit) -> tuple[Vector, list[slice], list[slice]]:
     """Covariance of base parameters, coefficients and shapes together (Gauss-Newton).
 
@@ -171,7 +166,7 @@ def _is_idle(search: Search, fit: Fit, found: Found, rival: Candidate, differenc
 
     Near the limit of visibility they may lean to it without asking for it.
     """
-    more = len(search.columns(rival)[0]) + rival.extra - len(search.columns(found.candidate)[0]) - found.candidate.extra
+    more = search.size(rival) - search.size(found.candidate)
     gained = 2 * difference + np.log(fit.n_rows) * more
     return more > 0 and (found.score.statistic > 2000.0 or difference < -search.settings.close or gained < 4.0)
 
@@ -203,7 +198,7 @@ def sensitivities(search: Search, explanation: Explanation) -> list[dict[str, An
         visible = score.visible if np.isfinite(score.visible) else 0.0
         row = {
             "effect": candidate.effect.name,
-            "location": location(candidate),
+            "location": candidate.location,
             "amplitude": _amplitude(candidate, beta) if visible > search.settings.visible else None,
             "parameter": candidate.effect.parameters[0].name,
             "unit": candidate.effect.parameters[0].unit,
@@ -255,7 +250,7 @@ def absorbed(search: Search, explanation: Explanation, least: float = 0.02) -> l
         if not any(c.any() for c in columns):
             continue
         names = _absorbing(search, explanation.fit, columns, search.base.names)
-        out.append({"effect": candidate.effect.name, "location": location(candidate), "parameters": names})
+        out.append({"effect": candidate.effect.name, "location": candidate.location, "parameters": names})
     return out
 
 

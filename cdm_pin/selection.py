@@ -280,6 +280,10 @@ class Search:
             self._cache[key] = [lines.dense() for lines in self.problem.reduce(candidate.columns)]
         return self._cache[key]
 
+    def size(self, *candidates: Candidate) -> int:
+        """Count the parameters of candidates: coefficients and what of their shapes is estimated."""
+        return sum(len(self.columns(c)[0]) + c.extra for c in candidates)
+
     def slopes(self, candidate: Candidate, beta: Vector) -> list[list[Vector]]:
         """Differentiate X(shape) beta by each free element of the shape: one list of runs per element, in the band."""
         slopes = []
@@ -394,6 +398,10 @@ class Search:
         order = tuple(c.identity for c in effects)
         known = self._fits.get(whitener, order)
         return known if known is not None else self._fits.keep(self._fit(effects, whitener), whitener, order)
+
+    def without(self, fit: Fit, *left_out: int) -> Fit:
+        """Fit again, in the same noise, without the effects of these numbers."""
+        return self.fit([c for i, c in enumerate(fit.effects) if i not in left_out], fit.whitener)
 
     def _fit(self, effects: Sequence[Candidate], whitener: Whitener) -> Fit:
         body = self.body(whitener)
