@@ -109,14 +109,14 @@ def diagnose(
         return Diagnosis(_insufficient(problem, reason), model, model.manipulator)
     base = base_parameters(model, columns=massive_columns(model))
     search = Search(problem, base, settings)
-    search = search.about(search.fit([]))
+    search = search.about(search.fit([])).with_drift()
     explanation = explain(search, progress)
     search = explanation.search
     judge = None
     if unseen:
         fit = explanation.fit
         seen = make_problem(search.problem.model, unseen, problem.band)
-        judge = Search(seen.with_loads(list(zip(fit.effects, fit.beta, strict=True))), base, settings, search.held)
+        judge = search.judge(seen.with_loads(list(zip(fit.effects, fit.beta, strict=True))))
     if explanation.everywhere:
         explanation = _weighed(search, judge, explanation)
     elif judge is not None:

@@ -97,7 +97,7 @@ def separation(
     signals = SimpleNamespace(valid=np.ones(motion.n, bool), recording=SimpleNamespace(payload=None))
     run = Run(cast(Any, signals), motion, np.zeros((problem.n_channels, motion.n)))
     both = replace(problem, runs=(problem.runs[0], run))  # what is there and what would come, together
-    there = Search(both, search.base, search.settings, search.held)
+    there = search.judge(both)
     fit = explanation.fit
     whitener = replace(fit.whitener, scale=np.ones(2))
     worst, pair = np.inf, (rivals[0][1], rivals[0][1])

@@ -76,8 +76,8 @@ def _moving(search: Search, fit: Fit, completed: Manipulator) -> CableModel:
     least = [np.linalg.eigvalsh(mass_matrix(each, poses, coordinates="motor")).min() for each in (model, prior)]
     if least[0] > LEAST * least[1]:
         return model
-    values = base.values(start.standard_parameters) + fit.base
-    p = len(values)
+    p = len(base.columns)
+    values = base.values(start.standard_parameters) + fit.base[:p]
     information = np.asarray(np.linalg.pinv(fit.covariance[:p, :p], rcond=1e-12, hermitian=True), np.float64)
     try:
         near = consistent_standard(base.matrix, values, information, prior.standard_parameters)

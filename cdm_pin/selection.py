@@ -13,6 +13,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from .base import BaseParameters, massive_columns
+from .drift import drift_columns, drifting_channels
 from .effects import CATALOGUE, RATIOS, Candidate
 from .geometry import Vector
 from .model import CableModel
@@ -198,10 +199,20 @@ class Search:
     settings : Settings
     held : bool, optional
         Whether the stated payloads have columns of their own; if not given, where they differ.
+    drift : sequence of ndarray, shape (k, n_channels, n_reduced), optional
+        Columns, per run, of what the zeros of sensors do; they stand behind those of the rigid body.
     """
 
-    def __init__(self, problem: Problem, base: BaseParameters, settings: Settings, held: bool | None = None):
+    def __init__(
+        self,
+        problem: Problem,
+        base: BaseParameters,
+        settings: Settings,
+        held: bool | None = None,
+        drift: Sequence[Vector] | None = None,
+    ):
         self.problem, self.base, self.settings = problem, base, settings
+        self.drift = drift
         self.held = len({run.payload for run in problem.runs}) > 1 if held is None else held
         self._cache: dict[Any, list[Vector]] = {}
         self._clear: dict[Any, Whitener] = {}
@@ -218,7 +229,7 @@ class Search:
         pairs = list(zip(fit.effects, fit.beta, strict=True))
         change = fit.base[: len(self.base.columns)]
         problem = self.problem.with_model(updated_model(self.problem.model, self.base, change)).with_loads(pairs)
-        search = Search(problem, self.base, self.settings, self.held)
+        search = Search(problem, self.base, self.settings, self.held, self.drift)
         for name in ("rigid", "common", "plain", "smooth", "unshared"):
             if name in self.__dict__:
                 search.__dict__[name] = self.__dict__[name]
@@ -260,18 +271,48 @@ class Search:
 
     @cached_property
     def rigid(self) -> list[Vector]:
-        """Base columns of the regressor, per run, then those of the payload that the last link holds."""
-        problem = self.problem
-        own = [Y[self.base.columns] for Y in problem.rigid]
-        if not self.held:
-            return own
-        held = [run.payload * full[-10:] for run, full in zip(problem.runs, problem.rigid, strict=True)]
-        return [np.concatenate(parts) for parts in zip(own, held, strict=True)]
+        """Base columns of the regressor, per run, then those of the last link's payload, then those of drifts."""
+        parts = [[Y[self.base.columns] for Y in self.problem.rigid]]
+        if self.held:
+            parts.append([run.payload * Y[-10:] for run, Y in zip(self.problem.runs, self.problem.rigid, strict=True)])
+        if self.drift is not None:
+            parts.append(list(self.drift))
+        return [np.concatenate(own) for own in zip(*parts, strict=True)]
 
     @property
     def n_rigid(self) -> int:
-        """Number of columns of the rigid body and its payload."""
+        """Number of columns of the rigid body, its payload and drifts."""
         return len(self.rigid[0])
+
+    def with_drift(self) -> Search:
+        """Give the same search with the slow shapes of sensors' zeros beside the rigid body, where the data show them.
+
+        Judged in what smooth functions of the state leave over, by the frequencies next to theirs.
+        """
+        problem, rate = self.problem, self.problem.band.rate / self.problem.band.step
+        if not problem.torque or not any(problem.segments):
+            return self
+        rest, basis = self._rest([], self.smooth)
+        channels = drifting_channels(rest, basis, problem.segments, rate)
+        channels = [c for c in channels if c < problem.model.n_motors]
+        if not channels:
+            return self
+        lengths = [rigid.shape[2] for rigid in self.rigid]
+        drift = drift_columns(lengths, rate, problem.n_channels, channels)
+        search = Search(problem, self.base, self.settings, self.held, drift)
+        search._cache = self._cache
+        for name in ("common", "plain", "smooth", "unshared", "nominal"):
+            if name in self.__dict__:
+                search.__dict__[name] = self.__dict__[name]
+        return search
+
+    def judge(self, problem: Problem) -> Search:
+        """Give a search on recordings that this one has not seen, with the same columns; their zeros are not known."""
+        judge = Search(problem, self.base, self.settings, self.held)
+        if self.drift is not None:
+            shape = len(self.drift[0]), problem.n_channels
+            judge.drift = [np.zeros((*shape, data.shape[2])) for data in problem.data]
+        return judge
 
     def columns(self, candidate: Candidate) -> list[Vector]:
         """Columns of a candidate in the band, per run; kept for the next time."""
@@ -474,8 +515,9 @@ class Search:
         if not self.problem.torque:
             return [np.zeros((0, *rigid.shape[1:])) for rigid in self.rigid]
         out = []
-        there = np.any([rigid.any(axis=2) for rigid in self.rigid], axis=0)
-        for rigid in self.rigid:
+        bodies = [rigid[: self.n_rigid - (len(self.drift[0]) if self.drift else 0)] for rigid in self.rigid]
+        there = np.any([rigid.any(axis=2) for rigid in bodies], axis=0)
+        for rigid in bodies:
             parts = []
             for i in range(m):
                 own = np.zeros_like(rigid[there[:, i]])
@@ -497,10 +539,18 @@ class Search:
         known = self._rests.get(_key(effects), smooth)
         if known is not None:
             return known
+        residuals, basis = self._rest(effects, self.smooth if smooth else None)
+        quiet = quiet_segments(residuals, self.problem.segments)
+        return self._rests.keep((residuals, spectrum(residuals, basis, quiet)), _key(effects), smooth)
+
+    def _rest(
+        self, effects: Sequence[Candidate], further: Sequence[Vector] | None
+    ) -> tuple[list[Vector], list[Vector]]:
+        """Give what a plain fit leaves over, and an orthonormal basis of its columns, per run."""
         own = [self.columns(c) for c in effects]
         banks = []
         for r in range(len(self.rigid)):
-            parts = [self.rigid[r], *[columns[r] for columns in own], *([self.smooth[r]] if smooth else [])]
+            parts = [self.rigid[r], *[columns[r] for columns in own], *([further[r]] if further is not None else [])]
             banks.append(np.concatenate([*parts, self.nominal[r][None]]))
         inside = [_inside(bank, run) for bank, run in zip(banks, self.problem.segments, strict=True)]
         W = np.concatenate([b.reshape(len(b), -1) for b in inside], axis=1)
@@ -520,8 +570,7 @@ class Search:
             )
             basis.append(_outside(Q[:, first : first + size].reshape(len(Q), *part.shape[1:]), run, bank.shape[2]))
             first += size
-        quiet = quiet_segments(residuals, self.problem.segments)
-        return self._rests.keep((residuals, spectrum(residuals, basis, quiet)), _key(effects), smooth)
+        return residuals, basis
 
     def clear(self, effects: Sequence[Candidate]) -> Whitener:
         """Estimate the noise with smooth functions of the state taken out beside `effects`, if these leave any over."""

@@ -1,0 +1,93 @@
+"""Drifting zeros of torque sensors: the shapes they take, and whether a recording shows them.
+
+An autoregression takes slow wander for noise of all slow frequencies and so hides slow effects. Where a wander is seen,
+its shapes are fitted beside the rigid body instead, for every motor and recording alone; no two recordings share them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import f as f_distribution
+
+from .geometry import Vector
+from .whitening import Segments
+
+ALARM = 1e-3
+"""Probability of seeing a wander in noise that has none."""
+LONG = 1.5
+"""Longest period over the duration: a zero that moves so slowly leaves a constant behind that tells nothing."""
+
+
+def slow_shapes(n: int, rate: float, stretch: float = LONG) -> Vector:
+    """Give a ramp and slow waves, no quicker than one period in some 40 s, shape (n_shapes, n).
+
+    Parameters
+    ----------
+    n : int
+        Number of samples.
+    rate : float
+        [Hz].
+    stretch : float
+        Longest period over the duration.
+    """
+    t = np.arange(n) / rate
+    period = stretch * max(t[-1], 40.0)
+    count = int(np.clip(round(period / 45.0), 2, 8))
+    phase = 2 * np.pi * t / period
+    return np.stack([t / max(t[-1], 1e-9), *(f(k * phase) for k in range(1, count + 1) for f in (np.sin, np.cos))])
+
+
+def drift_columns(lengths: Sequence[int], rate: float, n_channels: int, channels: Sequence[int]) -> list[Vector]:
+    """Give each of some channels slow shapes of its own on every run, per run (n_columns, n_channels, n)."""
+    shapes = [slow_shapes(n, rate) for n in lengths]
+    total = sum(len(s) for s in shapes) * len(channels)
+    out, first = [], 0
+    for own in shapes:
+        bank = np.zeros((total, n_channels, own.shape[1]))
+        for c in channels:
+            bank[first : first + len(own), c] = own
+            first += len(own)
+        out.append(bank)
+    return out
+
+
+def drifting_channels(
+    residuals: Sequence[Vector], basis: Sequence[Vector], segments: Sequence[Segments], rate: float
+) -> list[int]:
+    """Find the channels in which the slow shapes have more power than the frequencies next to them.
+
+    Parameters
+    ----------
+    residuals : sequence of ndarray, shape (n_channels, n)
+        Of a fit whose columns took what the motion repeats, one per run.
+    basis : sequence of ndarray, shape (rank, n_channels, n)
+        Orthonormal basis, over all runs, of those columns.
+    segments : sequence of Segments
+    rate : float
+        [Hz].
+    """
+    n_channels = residuals[0].shape[0]
+    power = np.zeros((n_channels, 2))
+    room = np.zeros((n_channels, 2))
+    for e, q, run in zip(residuals, basis, segments, strict=True):
+        for a, b in run:
+            n = b - a
+            if n < 0.5 * e.shape[1]:
+                continue
+            slow = slow_shapes(n, rate)
+            Q = np.linalg.qr(np.concatenate([np.ones((1, n)), slow]).T)[0][:, 1:]
+            t = np.arange(n) / rate
+            top = len(slow) // 2 / (LONG * max(t[-1], 40.0))  # the quickest of the slow ones
+            near = np.arange(1.5 * top, 6.0 * top, 0.5 / t[-1])
+            phase = 2 * np.pi * np.outer(t, near)
+            R = np.linalg.qr(np.concatenate([Q, np.cos(phase), np.sin(phase)], axis=1))[0][:, Q.shape[1] :]
+            for c in range(n_channels):
+                for k, U in enumerate((Q, R)):
+                    power[c, k] += float(np.sum((e[c, a:b] @ U) ** 2))
+                    room[c, k] += U.shape[1] - float(np.sum((q[:, c, a:b] @ U) ** 2))
+    room = np.maximum(room, 1.0)
+    ratio = (power[:, 0] / room[:, 0]) / np.maximum(power[:, 1] / room[:, 1], 1e-300)
+    sure, likely = (f_distribution.isf(p / n_channels, room[:, 0], room[:, 1]) for p in (ALARM, 100 * ALARM))
+    return [int(c) for c in np.flatnonzero(ratio > likely)] if np.any(ratio > sure) else []
