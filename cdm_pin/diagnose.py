@@ -240,7 +240,7 @@ def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
     """Whether the unseen recordings are likelier with finding `j` than without it, by as much as they should be.
 
     Where it is right, the whitened sum of squares falls by that of what it changes there; a tenth is asked for. The
-    plain error must not rise either, unless masses that the training could not tell make most of it.
+    plain error, drifts aside, must not rise either, unless masses that the training could not tell make most of it.
     """
     found, fit = explanation.found[j], explanation.fit
     if fit.effects[j].effect.name in ONCE:
@@ -251,7 +251,9 @@ def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
     if _unseen(judge, without) - _unseen(judge, fit) < max(3.0 * found.candidate.named, 0.1 * due):
         return False
     level = np.maximum(noise_floor(judge, fit.effects), 1e-12)
-    with_it, without_it = (_weighted(judge, errors(judge, f.base, f.effects, f.beta), level) for f in (fit, without))
+    with_it, without_it = (
+        _weighted(judge, judge.still(errors(judge, f.base, f.effects, f.beta)), level) for f in (fit, without)
+    )
     return with_it < 1.01 * without_it or with_it > 9.0 * len(level)
 
 

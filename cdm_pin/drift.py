@@ -20,7 +20,7 @@ LONG = 1.5
 """Longest period over the duration: a zero that moves so slowly leaves a constant behind that tells nothing."""
 
 
-def slow_shapes(n: int, rate: float, stretch: float = LONG) -> Vector:
+def slow_shapes(n: int, rate: float, stretch: float) -> Vector:
     """Give a ramp and slow waves, no quicker than one period in some 40 s, shape (n_shapes, n).
 
     Parameters
@@ -39,9 +39,11 @@ def slow_shapes(n: int, rate: float, stretch: float = LONG) -> Vector:
     return np.stack([t / max(t[-1], 1e-9), *(f(k * phase) for k in range(1, count + 1) for f in (np.sin, np.cos))])
 
 
-def drift_columns(lengths: Sequence[int], rate: float, n_channels: int, channels: Sequence[int]) -> list[Vector]:
+def drift_columns(
+    lengths: Sequence[int], rate: float, n_channels: int, channels: Sequence[int], stretch: float
+) -> list[Vector]:
     """Give each of some channels slow shapes of its own on every run, per run (n_columns, n_channels, n)."""
-    shapes = [slow_shapes(n, rate) for n in lengths]
+    shapes = [slow_shapes(n, rate, stretch) for n in lengths]
     total = sum(len(s) for s in shapes) * len(channels)
     out, first = [], 0
     for own in shapes:
@@ -76,7 +78,7 @@ def drifting_channels(
             n = b - a
             if n < 0.5 * e.shape[1]:
                 continue
-            slow = slow_shapes(n, rate)
+            slow = slow_shapes(n, rate, LONG)
             Q = np.linalg.qr(np.concatenate([np.ones((1, n)), slow]).T)[0][:, 1:]
             t = np.arange(n) / rate
             top = len(slow) // 2 / (LONG * max(t[-1], 40.0))  # the quickest of the slow ones
@@ -91,3 +93,14 @@ def drifting_channels(
     ratio = (power[:, 0] / room[:, 0]) / np.maximum(power[:, 1] / room[:, 1], 1e-300)
     sure, likely = (f_distribution.isf(p / n_channels, room[:, 0], room[:, 1]) for p in (ALARM, 100 * ALARM))
     return [int(c) for c in np.flatnonzero(ratio > likely)] if np.any(ratio > sure) else []
+
+
+def without_drift(errors: Vector, run: Segments, shapes: Vector) -> Vector:
+    """Take slow shapes (n_shapes, n) out of errors (n_channels, n) by least squares over the segments of a run."""
+    inside = np.zeros(errors.shape[1], bool)
+    for a, b in run:
+        inside[a:b] = True
+    if inside.sum() <= len(shapes):
+        return errors
+    theta = np.linalg.lstsq(shapes[:, inside].T, errors[:, inside].T, rcond=None)[0]
+    return errors - theta.T @ shapes

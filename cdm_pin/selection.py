@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from .base import BaseParameters, massive_columns
-from .drift import drift_columns, drifting_channels
+from .drift import LONG, drift_columns, drifting_channels, slow_shapes, without_drift
 from .effects import CATALOGUE, RATIOS, Candidate
 from .geometry import Vector
 from .model import CableModel
@@ -298,7 +298,7 @@ class Search:
         if not channels:
             return self
         lengths = [rigid.shape[2] for rigid in self.rigid]
-        drift = drift_columns(lengths, rate, problem.n_channels, channels)
+        drift = drift_columns(lengths, rate, problem.n_channels, channels, LONG)
         search = Search(problem, self.base, self.settings, self.held, drift)
         search._cache = self._cache
         for name in ("common", "plain", "smooth", "unshared", "nominal"):
@@ -489,21 +489,21 @@ class Search:
 
     @cached_property
     def drifts(self) -> list[Vector]:
-        """Columns of what the zeros of torque sensors do: a ramp and slow waves, for every channel and run alone."""
-        n_channels, rate = self.problem.n_channels, self.problem.band.rate / self.problem.band.step
-        waves = []
-        for rigid in self.rigid:
-            t = np.arange(rigid.shape[2]) / rate
-            phase = 2 * np.pi * t / max(t[-1], 50.0)
-            waves.append(np.stack([t / max(t[-1], 1e-9), *(f(k * phase) for k in (1, 2) for f in (np.sin, np.cos))]))
-        out = []
-        for r, wave in enumerate(waves):
-            bank = np.zeros((len(waves) * n_channels * len(wave), n_channels, wave.shape[1]))
-            for c in range(n_channels):
-                first = (r * n_channels + c) * len(wave)
-                bank[first : first + len(wave), c] = wave
-            out.append(bank)
-        return out
+        """Columns of what the zeros of sensors do on recordings that are judged: for every channel and run alone.
+
+        A constant stays visible beside them, unless the zeros were seen to drift.
+        """
+        n, rate = self.problem.n_channels, self.problem.band.rate / self.problem.band.step
+        lengths = [rigid.shape[2] for rigid in self.rigid]
+        return drift_columns(lengths, rate, n, range(n), 1.0 if self.drift is None else LONG)
+
+    def still(self, errors: Sequence[Vector]) -> list[Vector]:
+        """Take slow shapes out of errors where zeros were seen to drift, per run (n_channels, n_reduced)."""
+        if self.drift is None:
+            return list(errors)
+        rate = self.problem.band.rate / self.problem.band.step
+        shapes = [slow_shapes(e.shape[1], rate, LONG) for e in errors]
+        return [without_drift(*each) for each in zip(errors, self.problem.segments, shapes, strict=True)]
 
     @cached_property
     def unshared(self) -> list[Vector]:
