@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
@@ -140,9 +141,7 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
             out.append(entry)
 
     slack = 0.5 * settings.law_error**2 * found.score.statistic
-    for rival, difference in found.rivals:
-        if not rival.named or _is_idle(search, explanation.fit, found, rival, difference):
-            continue
+    for rival, difference in _leaning(search, explanation.fit, found):
         if difference > -max(settings.close, slack):
             add(rival.effect.name, rival.location)
         elif difference > -0.1 * found.gain - 30 and (
@@ -161,14 +160,32 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
     return out
 
 
-def _is_idle(search: Search, fit: Fit, found: Found, rival: Candidate, difference: float) -> bool:
-    """Whether a rival is a refinement with more parameters that the data do not lean to; it is no rival then.
+def _leaning(search: Search, fit: Fit, found: Found, small: float = 400.0, large: float = 2000.0):
+    """List the named rivals that the data lean to, with their lead in log-likelihood, the likeliest first.
 
-    Near the limit of visibility they may lean to it without asking for it.
+    One with more parameters leads by definition; it is a rival only if these gain more than noise would. A finding that
+    is small by its statistic cannot exclude such a refinement, so AIC's penalty takes the place of BIC's there; a large
+    one can. The likeliest place of every effect comes before the second one of any.
     """
-    more = search.size(rival) - search.size(found.candidate)
-    gained = 2 * difference + np.log(fit.n_rows) * more
-    return more > 0 and (found.score.statistic > 2000.0 or difference < -search.settings.close or gained < 4.0)
+    out = []
+    for rival, difference in found.rivals:
+        if not rival.named:
+            continue
+        more = search.size(rival) - search.size(found.candidate)
+        if more > 0:
+            lead = difference + 0.5 * np.log(fit.n_rows) * more
+            if found.score.statistic < small:
+                difference = lead - more
+            elif found.score.statistic > large or difference < -search.settings.close or lead < 2.0:
+                continue
+        out.append((rival, difference))
+    out.sort(key=lambda item: -item[1])
+    turn = Counter[str]()
+    order = []
+    for rival, difference in out:
+        turn[rival.effect.name] += 1
+        order.append((turn[rival.effect.name], rival, difference))
+    return [(rival, difference) for _, rival, difference in sorted(order, key=lambda item: item[0])]
 
 
 @lru_cache(maxsize=4096)
