@@ -109,8 +109,10 @@ def diagnose(
         return Diagnosis(_insufficient(problem, reason), model, model.manipulator)
     base = base_parameters(model, columns=massive_columns(model))
     search = Search(problem, base, settings)
-    search = search.about(search.fit([])).with_drift()
-    explanation = explain(search, progress)
+    search = search.about(search.fit([]))
+    explanation = explain(search.with_drift(), progress)
+    if explanation.search.is_swamped(explanation.fit):
+        explanation = explain(search, progress)
     search = explanation.search
     judge = None
     if unseen:

@@ -18,6 +18,8 @@ ALARM = 1e-3
 """Probability of seeing a wander in noise that has none."""
 LONG = 1.5
 """Longest period over the duration: a zero that moves so slowly leaves a constant behind that tells nothing."""
+LOUD = 6.0
+"""What is so many times the rest of the noise is no drift of a sensor: a fault."""
 
 
 def slow_shapes(n: int, rate: float, stretch: float) -> Vector:
@@ -71,7 +73,7 @@ def drifting_channels(
         [Hz].
     """
     n_channels = residuals[0].shape[0]
-    power = np.zeros((n_channels, 2))
+    power, total = np.zeros((n_channels, 2)), np.zeros(n_channels)
     room = np.zeros((n_channels, 2))
     for e, q, run in zip(residuals, basis, segments, strict=True):
         for a, b in run:
@@ -85,6 +87,7 @@ def drifting_channels(
             near = np.arange(1.5 * top, 6.0 * top, 0.5 / t[-1])
             phase = 2 * np.pi * np.outer(t, near)
             R = np.linalg.qr(np.concatenate([Q, np.cos(phase), np.sin(phase)], axis=1))[0][:, Q.shape[1] :]
+            total += np.sum((e[:, a:b] - e[:, a:b].mean(axis=1, keepdims=True)) ** 2, axis=1)
             for c in range(n_channels):
                 for k, U in enumerate((Q, R)):
                     power[c, k] += float(np.sum((e[c, a:b] @ U) ** 2))
@@ -92,7 +95,8 @@ def drifting_channels(
     room = np.maximum(room, 1.0)
     ratio = (power[:, 0] / room[:, 0]) / np.maximum(power[:, 1] / room[:, 1], 1e-300)
     sure, likely = (f_distribution.isf(p / n_channels, room[:, 0], room[:, 1]) for p in (ALARM, 100 * ALARM))
-    return [int(c) for c in np.flatnonzero(ratio > likely)] if np.any(ratio > sure) else []
+    slow = power[:, 0] < LOUD**2 * np.maximum(total - power[:, 0], 0.0)
+    return [int(c) for c in np.flatnonzero((ratio > likely) & slow)] if np.any((ratio > sure) & slow) else []
 
 
 def without_drift(errors: Vector, run: Segments, shapes: Vector) -> Vector:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from .base import BaseParameters, massive_columns
-from .drift import LONG, drift_columns, drifting_channels, slow_shapes, without_drift
+from .drift import LONG, LOUD, drift_columns, drifting_channels, slow_shapes, without_drift
 from .effects import CATALOGUE, RATIOS, Candidate
 from .geometry import Vector
 from .model import CableModel
@@ -305,6 +305,15 @@ class Search:
             if name in self.__dict__:
                 search.__dict__[name] = self.__dict__[name]
         return search
+
+    def is_swamped(self, fit: Fit) -> bool:
+        """Whether the drift in a fit is so much larger than what is left that it is no drift of a sensor."""
+        if self.drift is None:
+            return False
+        own = fit.base[self.n_rigid - len(self.drift[0]) : self.n_rigid]
+        drift = [np.tensordot(own, columns, 1) for columns in self.drift]
+        rest = self.still(errors(self, fit.base, fit.effects, fit.beta))
+        return bool(np.any(rms(self, drift) > LOUD * rms(self, rest)))
 
     def judge(self, problem: Problem) -> Search:
         """Give a search on recordings that this one has not seen, with the same columns; their zeros are not known."""
