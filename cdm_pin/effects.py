@@ -715,7 +715,7 @@ def _encoder(motion: Motion, place: Place, shape: Shape) -> Columns:
     d[:, k] = -1.0
     zero = np.zeros_like(d)
     half = motion if motion.offset is None else replace(motion, q=motion.q - 0.5 * motion.offset)
-    torque = half.torque_change(d, (zero, zero))[..., None]
+    torque = half.torque_along(d, (zero, zero))[..., None]
     if not (motion.joints_measured and motion.motors_measured):
         return Columns(torque)
     x = motion.arm_scale * motion.model.motor_from_joint[:, k]

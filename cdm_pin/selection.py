@@ -181,12 +181,20 @@ class Fit:
 
 @dataclass(frozen=True)
 class WhiteBank:
-    """A bank in one noise: whitened columns, their inner products, and these beside the rigid body."""
+    """A bank in one noise: whitened columns, their inner products, and these beside the rigid body.
+
+    Attributes
+    ----------
+    W : ndarray, shape (n_columns, n_rows)
+    full, left : ndarray, shape (n_columns,)
+    wide : list of (ndarray of int, shape (n,), ndarray of int, shape (n, k), ndarray, shape (n, k, k))
+        Candidates with k columns, two or more; their columns; the inner products of these.
+    """
 
     W: Vector
     full: Vector
     left: Vector
-    grams: dict[int, Vector]
+    wide: list[tuple[np.ndarray, np.ndarray, Vector]]
 
 
 class Search:
@@ -636,9 +644,14 @@ class Search:
         full = np.einsum("ij,ij->i", W, W)
         inside = W @ body.Q
         left = full - np.einsum("ij,ij->i", inside, inside)
-        wide = {i: s for i, s in enumerate(bank.slices) if s.stop - s.start > 1}
-        grams = {i: W[s] @ W[s].T - inside[s] @ inside[s].T for i, s in wide.items()}
-        return self._banks.keep(WhiteBank(W, full, left, grams), whitener, bank)
+        sizes = np.array([s.stop - s.start for s in bank.slices], dtype=int)
+        wide = []
+        for k in sorted(set(sizes[sizes > 1])):
+            own = np.flatnonzero(sizes == k)
+            rows = np.array([np.arange(bank.slices[i].start, bank.slices[i].stop) for i in own])
+            grams = np.array([W[r] @ W[r].T - inside[r] @ inside[r].T for r in rows])
+            wide.append((own, rows, grams))
+        return self._banks.keep(WhiteBank(W, full, left, wide), whitener, bank)
 
     def score_all(self, fit: Fit, bank: Bank) -> list[Score]:
         """Score every candidate of a bank against a fit."""
@@ -652,14 +665,13 @@ class Search:
         inside, c = white.W @ fit.Q, white.W @ fit.residual
         left = np.maximum(white.left - np.einsum("ij,ij->i", inside, inside), 0.0)
         single = _score_single(c, white.full, left)
-        out = []
-        for i, (candidate, s) in enumerate(zip(bank.candidates, bank.slices, strict=True)):
-            signs = candidate.effect.signs
-            if i in white.grams:
-                gram = white.grams[i] - inside[s] @ inside[s].T
-                out.append(_score(gram, c[s], white.full[s], left[s], signs))
-                continue
-            out.append(_single(single, s.start, signs))
+        signs = [candidate.effect.signs for candidate in bank.candidates]
+        out = [_single(single, s.start, own) for s, own in zip(bank.slices, signs, strict=True)]
+        for own, rows, grams in white.wide:
+            grams = grams - np.einsum("nir,njr->nij", inside[rows], inside[rows])
+            scores = _score_wide(grams, c[rows], white.full[rows], left[rows], [signs[i] for i in own])
+            for i, score in zip(own, scores, strict=True):
+                out[i] = score
         return out
 
     def score(self, fit: Fit, candidate: Candidate) -> Score:
@@ -795,6 +807,27 @@ def _single(parts: tuple[Vector, ...], i: int, signs: Sequence[int]) -> Score:
     if np.isfinite(statistic) and signs and signs[0] and beta < 0:
         statistic, beta = -np.inf, 0.0
     return Score(statistic, int(norm > 0), np.array([beta]), visible, norm)
+
+
+def _score_wide(grams: Vector, c: Vector, full: Vector, left: Vector, signs: Sequence[Sequence[int]]) -> list[Score]:
+    """Score many candidates of k columns each as `_score` does one, shapes (n, k, k), (n, k), (n, k), (n, k)."""
+    whole = np.all(left > 1e-6 * full, axis=1)
+    scale = np.sqrt(np.where(whole[:, None], left, 1.0))
+    values, vectors = np.linalg.eigh(grams / scale[:, :, None] / scale[:, None])
+    good = values > 1e-7 * values[:, -1:]
+    u = np.einsum("nij,ni->nj", vectors, c / scale)
+    part = np.where(good, u / np.where(good, values, 1.0), 0.0)
+    beta = np.einsum("nij,nj->ni", vectors, part) / scale
+    statistic = np.sum(u * part, axis=1)
+    visible = np.sqrt(np.max(left / np.maximum(full, 1e-300), axis=1))
+    out = []
+    for i, own in enumerate(signs):
+        if not whole[i] or any(s and b < 0 for s, b in zip(own, beta[i], strict=False)):
+            out.append(_score(grams[i], c[i], full[i], left[i], own))
+        else:
+            norm = float(np.sqrt(left[i, 0]))
+            out.append(Score(float(statistic[i]), int(good[i].sum()), beta[i], float(visible[i]), norm))
+    return out
 
 
 def _score(gram: Vector, c: Vector, full: Vector, left: Vector, signs: Sequence[int]) -> Score:
