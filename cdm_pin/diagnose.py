@@ -323,7 +323,8 @@ def _report(model: CableModel, search: Search, judge: Search | None, explanation
         found = explanation.found[j]
         index = np.r_[betas[j], shapes[j]]
         values = fi.parameters(found.candidate, fit.beta[j], covariance[np.ix_(index, index)])
-        if fi.is_known(values) and fi.is_admissible(found.candidate.effect, values) and found.gain >= 5.0:
+        sure = fi.is_known(values) and fi.is_admissible(found.candidate.effect, values) and found.gain >= 5.0
+        if sure and fi.is_above_steps(search, found.candidate, values):
             stated[j] = values
         fitted[j] = values
     if explanation.everywhere:
@@ -505,7 +506,8 @@ def _beyond_floor(
     limit = 2.0 if search.problem.torque else 1.5
     fit, both = explanation.fit, [search] if judge is None else [search, judge]
     rests = [there.left_over(fit.effects, smooth=False)[1].rms for there in both]
-    floors = [np.hypot(np.maximum(noise_floor(there, fit.effects), 1e-12), _accuracy(there, fit)) for there in both]
+    sensed = np.max([there.problem.sensed for there in both], axis=0)
+    floors = [np.hypot(np.maximum(noise_floor(there, fit.effects), sensed), _accuracy(there, fit)) for there in both]
     ratios = np.divide(rests, floors)
     rest, ratio = rests[0], np.maximum(np.min(ratios, axis=0), 0.5 * ratios[-1] * (judge is not None))
     worst = int(np.argmax(ratio))

@@ -751,12 +751,14 @@ def _tilted(motion: Motion, place: Place, beta: Vector) -> Motion:
 
 
 def _tilt_axes(model: CableModel) -> list[Vector]:
-    if model.planar:
-        return [np.array([0.0, 0.0, 1.0])]
+    """Axes about which a base can be out of level: +z of an arm in a vertical plane, else two that are level."""
     g = model.chain.gravity / (np.linalg.norm(model.chain.gravity) or 1.0)
-    first = np.cross(g, np.eye(3)[np.argmin(np.abs(g))])
+    if model.planar and np.linalg.norm(g[:2]) > 0.05:
+        return [np.array([0.0, 0.0, 1.0])]
+    ahead = np.eye(3)[0 if abs(g[0]) < 0.9 else 1]
+    first = ahead - (ahead @ g) * g
     first /= np.linalg.norm(first)
-    return [np.asarray(first, float), np.asarray(np.cross(g, first), float)]
+    return [np.asarray(first, float), np.asarray(np.cross(first, g), float)]
 
 
 def _delay(motion: Motion, place: Place, shape: Shape) -> Columns:

@@ -10,7 +10,8 @@ import numpy as np
 from .effects import CATALOGUE, Candidate, at_known_place, twin_places
 from .events import Reporter
 from .everywhere import kinds_first, needed, rubs_everywhere
-from .selection import Bank, Fit, ProgressCallback, Score, Search, all_candidates, family_wise, tones
+from .geometry import Vector
+from .selection import Bank, Fit, ProgressCallback, Score, Search, all_candidates, family_wise, rms, tones
 from .whitening import Whitener
 
 
@@ -331,22 +332,45 @@ def gain(search: Search, fit: Fit, candidate: Candidate, score: Score) -> float:
 def _passes(search: Search, candidate: Candidate, score: Score, weight: float, fit: Fit) -> bool:
     """Whether a candidate is significant, visible, and more than an error of the laws that are in the fit already."""
     s = search.settings
-    return (
-        score.visible > s.visible
-        and family_wise(score, candidate, weight) < np.log(s.alarm)
-        and score.statistic > _error_of_laws(search, candidate, score, fit)
-    )
+    if score.visible <= s.visible or family_wise(score, candidate, weight) >= np.log(s.alarm):
+        return False
+    if not _is_resolved(search, candidate, score.beta):
+        return False
+    if not fit.effects:
+        return True
+    own = score.beta @ fit.rest(search.white(fit.whitener, search.columns(candidate)))
+    return score.statistic > _error_of_laws(search, candidate, own, fit)
 
 
-def _error_of_laws(search: Search, candidate: Candidate, score: Score, fit: Fit) -> float:
+def _is_resolved(search: Search, candidate: Candidate, beta: Vector) -> bool:
+    """Whether an effect is larger than what clocks, derivatives and filters leave wrong in the torque of a rigid body.
+
+    Where positions are too coarse for the accelerations in the band, that is more. A push has to last for as long as
+    the band can tell from an outlier.
+    """
+    problem = search.problem
+    if (
+        candidate.effect.name == "external_torque"
+        and candidate.shape[1] - candidate.shape[0] < 1.5 / problem.band.cutoff
+    ):
+        return False
+    if not problem.torque:
+        return True
+    m = problem.model.n_motors
+    own = rms(search, [np.tensordot(beta, columns, 1) for columns in search.columns(candidate)])
+    if own[m:].any():
+        return True
+    least = search.settings.torque_error * (problem.band.cutoff / max(problem.trusted, 1e-3)) ** 2
+    return bool(np.any(own[:m] > least * search.loads[:m]))
+
+
+def _error_of_laws(search: Search, candidate: Candidate, own: Vector, fit: Fit) -> float:
     """Bound the statistic that a candidate gets from laws in the fit that are right up to a small share of themselves.
 
-    The error may take any sign at any sample, so that it can look like the candidate where the two are there together.
+    The error may take any sign at any sample, so that it can look like the candidate's `own` part, as far as the fit
+    leaves it over, where the two are there together.
     """
-    if not fit.effects:
-        return 0.0
-    share = 1.0 if candidate.named else search.settings.patch_error
-    own = score.beta @ fit.rest(search.white(fit.whitener, search.columns(candidate)))
+    share = 1.0 if candidate.named and candidate.effect.name != "external_torque" else search.settings.patch_error
     return float((np.abs(own) @ search.errors_of_laws(fit)) ** 2 / max(own @ own, 1e-300)) * share**2
 
 
@@ -527,8 +551,11 @@ def _split(search: Search, bank: Bank, accepted: list[Candidate], whitener: Whit
 
 def _alone(search: Search, accepted: list[Candidate], j: int, whitener: Whitener) -> float:
     """Bound the statistic that effect `j` would get from errors of the other laws."""
-    without = search.without(search.fit(accepted, whitener), j)
-    return _error_of_laws(search, accepted[j], search.score(without, accepted[j]), without)
+    candidate, without = accepted[j], search.without(search.fit(accepted, whitener), j)
+    if not without.effects:
+        return 0.0
+    columns = without.rest(search.white(whitener, search.columns(candidate)))
+    return _error_of_laws(search, candidate, search.score(without, candidate).beta @ columns, without)
 
 
 def prune(search: Search, accepted: list[Candidate]) -> list[Candidate]:

@@ -100,6 +100,18 @@ def is_known(values: dict[str, dict[str, Any]], least: float = 2.0) -> bool:
     return max(sizes, default=0.0) > least
 
 
+def is_above_steps(search: Search, candidate: Candidate, values: dict[str, dict[str, Any]]) -> bool:
+    """Whether an encoder's offset is more than encoders that round down, on either side, have by themselves."""
+    problem = search.problem
+    if candidate.effect.name != "encoder_offset" or not problem.kinematic:
+        return True
+    k, steps = candidate.place.index[0], []
+    for run in problem.runs:
+        own, other = (np.sqrt(12.0) * run.signals.noise[f"{side}_position"] for side in ("joint", "motor"))
+        steps.append(own[k] + np.abs(problem.model.joint_from_motor[k]) @ other)
+    return abs(values["offset"]["value"]) > 0.5 * max(steps) + 3 * values["offset"]["std"]
+
+
 def is_admissible(effect: Effect, values: dict[str, dict[str, Any]]) -> bool:
     """Whether no parameter lies outside its physical range by more than three standard errors, and none is infinite."""
     for parameter in effect.parameters:

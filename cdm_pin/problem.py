@@ -148,6 +148,35 @@ class Problem:
         return [self.band.segments(run.signals.valid) for run in self.runs]
 
     @cached_property
+    def sensed(self) -> Vector:
+        """Noise in the band that the sensors alone bring, shape (n_channels,).
+
+        Of torque: its own above the band, as if white, and that of positions through the inertia; of travel: that of
+        the encoders.
+        """
+        parts = []
+        for run in self.runs:
+            signals, rate = run.signals, run.signals.rate
+            share, own = np.sqrt(min(1.0, 2 * self.band.cutoff / rate)), []
+            if self.torque:
+                through = inertia_noise(self.model, signals) * share * (2 * np.pi * self.band.cutoff) ** 2 / np.sqrt(5)
+                own.append(np.hypot(noise_floor(_torque(self.model, signals), rate, self.band.cutoff), through))
+            if self.kinematic:
+                own.append(_both_noise(signals, self.model) * run.motion.arm_scale * share)
+            parts.append(np.concatenate(own))
+        return np.max(parts, axis=0)
+
+    @cached_property
+    def trusted(self) -> float:
+        """Frequency up to which torque is noisier than positions are through the inertia [Hz]; beyond, they are alike.
+
+        Columns with accelerations and the residual then share the noise of the encoders.
+        """
+        if not self.torque:
+            return self.band.cutoff
+        return min(self.band.cutoff, float(np.median([_limit(self.model, run.signals) for run in self.runs])))
+
+    @cached_property
     def data(self) -> list[Vector]:
         """Per run the data in the band, shape (1, n_channels, n_reduced)."""
         return [self.band.reduce(run.data)[None] for run in self.runs]
@@ -275,17 +304,25 @@ def _cutoff(model: CableModel, signals: Sequence[Signals]) -> float:
     """
     limits = []
     for s in signals:
-        q, _ = _positions(model, s)
         if not _has(s, "torque"):
             limits.append(min(10.0, 0.2 * s.rate))
             continue
-        tau = noise_floor(_torque(model, s), s.rate)
-        moving = np.ptp(q, axis=0) > 1e-6
-        noise = np.maximum(noise_floor(q, s.rate), 1e-9)
-        inertia = np.abs(model.joint_from_motor.T @ _mass(model, q) * noise) @ moving
-        ratio = np.median(tau / np.maximum(inertia, 1e-12))
-        limits.append(np.clip(0.8 * np.sqrt(ratio) / (2 * np.pi), 3.0, min(20.0, 0.3 * s.rate)))
+        limits.append(np.clip(_limit(model, s), 3.0, min(20.0, 0.3 * s.rate)))
     return float(np.median(limits))
+
+
+def _limit(model: CableModel, signals: Signals) -> float:
+    """Give the frequency [Hz] above which the noise of positions, through the inertia, exceeds that of torque."""
+    tau = noise_floor(_torque(model, signals), signals.rate)
+    ratio = np.median(tau / np.maximum(inertia_noise(model, signals), 1e-12))
+    return float(0.8 * np.sqrt(ratio) / (2 * np.pi))
+
+
+def inertia_noise(model: CableModel, signals: Signals) -> Vector:
+    """Noise of positions times the inertia that each motor feels, shape (n_motors,) [N m s^2]."""
+    q, _ = _positions(model, signals)
+    noise = np.maximum(noise_floor(q, signals.rate), 1e-9)
+    return np.abs(model.joint_from_motor.T @ _mass(model, q) * noise) @ (np.ptp(q, axis=0) > 1e-6)
 
 
 def _mass(model: CableModel, q: Vector) -> Vector:
@@ -333,7 +370,7 @@ def _sharp(model: CableModel, signals: Signals, q: Vector, share: float = 0.01) 
 
 
 def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinematic: bool, index: int) -> Run:
-    rate, light = signals.rate, min(2.0 * band.cutoff, 0.45 * signals.rate)
+    rate, light = signals.rate, min(4.0 * band.cutoff, 0.45 * signals.rate)
     q_raw, q_m_raw = _positions(model, signals)
     sharp = max(light, _sharp(model, signals, q_raw))
     travel = q_m_raw - model.motor_position(q_raw)

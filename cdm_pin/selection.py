@@ -37,6 +37,8 @@ class Settings:
         Least share of an effect that the rigid body leaves over for it to be tested.
     law_error : float
         Relative accuracy of one law: rivals that differ by less are told apart by simplicity alone.
+    torque_error : float
+        Relative accuracy of the rigid body's torque, with clocks, derivatives and filters as they are.
     patch_error : float
         How many times the errors of the laws in the model a correction without a name has to be.
     patch_law_error : float
@@ -56,6 +58,7 @@ class Settings:
     alarm: float = 2e-3
     visible: float = 0.004
     law_error: float = 0.006
+    torque_error: float = 1.5e-4
     patch_error: float = 3.3
     patch_law_error: float = 0.05
     same: float = 0.95
@@ -238,7 +241,7 @@ class Search:
         change = fit.base[: len(self.base.columns)]
         problem = self.problem.with_model(updated_model(self.problem.model, self.base, change)).with_loads(pairs)
         search = Search(problem, self.base, self.settings, self.held, self.drift)
-        for name in ("rigid", "common", "plain", "smooth", "unshared"):
+        for name in ("rigid", "common", "plain", "loads", "smooth", "unshared"):
             if name in self.__dict__:
                 search.__dict__[name] = self.__dict__[name]
         search.__dict__["nominal"] = [
@@ -309,7 +312,7 @@ class Search:
         drift = drift_columns(lengths, rate, problem.n_channels, channels, LONG)
         search = Search(problem, self.base, self.settings, self.held, drift)
         search._cache = self._cache
-        for name in ("common", "plain", "smooth", "unshared", "nominal"):
+        for name in ("common", "plain", "loads", "smooth", "unshared", "nominal"):
             if name in self.__dict__:
                 search.__dict__[name] = self.__dict__[name]
         return search
@@ -410,6 +413,11 @@ class Search:
             c for c in all_candidates(self.problem, names) if c.effect.name != "joint_spring" or not c.shape[0]
         ]
         return tuple(candidates)
+
+    @cached_property
+    def loads(self) -> Vector:
+        """Root mean square of the data, per channel."""
+        return rms(self, [x[0] for x in self.problem.data])
 
     @cached_property
     def plain(self) -> Whitener:
