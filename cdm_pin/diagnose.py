@@ -511,7 +511,7 @@ def _beyond_floor(
     ratios = np.divide(rests, floors)
     rest, ratio = rests[0], np.maximum(np.min(ratios, axis=0), 0.5 * ratios[-1] * (judge is not None))
     worst = int(np.argmax(ratio))
-    if not search.problem.segments or ratio[worst] < limit:
+    if not search.problem.segments or ratio[worst] < limit or not search.follows_state(fit):
         return None, 0.0
     motor = worst % search.problem.model.n_motors + 1
     words = f"the error of motor {motor} is {ratio[worst]:.1f} times its noise, in no shape that was tried"

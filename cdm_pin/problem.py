@@ -152,7 +152,7 @@ class Problem:
         """Noise in the band that the sensors alone bring, shape (n_channels,).
 
         Of torque: its own above the band, as if white, and that of positions through the inertia; of travel: that of
-        the encoders.
+        the encoders, as if they rounded down.
         """
         parts = []
         for run in self.runs:
@@ -161,8 +161,8 @@ class Problem:
             if self.torque:
                 through = inertia_noise(self.model, signals) * share * (2 * np.pi * self.band.cutoff) ** 2 / np.sqrt(5)
                 own.append(np.hypot(noise_floor(_torque(self.model, signals), rate, self.band.cutoff), through))
-            if self.kinematic:
-                own.append(_both_noise(signals, self.model) * run.motion.arm_scale * share)
+            if self.kinematic:  # encoders may round down: half a step, at any frequency
+                own.append(_both_noise(signals, self.model) * run.motion.arm_scale * np.sqrt(3.0))
             parts.append(np.concatenate(own))
         return np.max(parts, axis=0)
 

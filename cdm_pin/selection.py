@@ -597,6 +597,16 @@ class Search:
             first += size
         return residuals, basis
 
+    def follows_state(self, fit: Fit, alarm: float = 1e-6) -> bool:
+        """Whether smooth functions of the state explain more of what a fit leaves over than slow noise would."""
+        W = self.white(fit.whitener, self.smooth)
+        size = np.linalg.norm(W, axis=1)
+        free = fit.rest(W[size > 0] / size[size > 0, None])
+        values, vectors = np.linalg.eigh(free @ free.T)
+        keep = values > 1e-6
+        drop = float(np.sum((vectors[:, keep].T @ (free @ fit.residual)) ** 2 / values[keep]))
+        return log_p(drop, int(keep.sum())) < np.log(alarm)
+
     def clear(self, effects: Sequence[Candidate]) -> Whitener:
         """Estimate the noise with smooth functions of the state taken out beside `effects`, if these leave any over."""
         key = _key(effects)
