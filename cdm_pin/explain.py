@@ -334,7 +334,7 @@ def _passes(search: Search, candidate: Candidate, score: Score, weight: float, f
     s = search.settings
     if score.visible <= s.visible or family_wise(score, candidate, weight) >= np.log(s.alarm):
         return False
-    if not _is_resolved(search, candidate, score.beta):
+    if not is_resolved(search, candidate, score.beta):
         return False
     if not fit.effects:
         return True
@@ -342,7 +342,7 @@ def _passes(search: Search, candidate: Candidate, score: Score, weight: float, f
     return score.statistic > _error_of_laws(search, candidate, own, fit)
 
 
-def _is_resolved(search: Search, candidate: Candidate, beta: Vector) -> bool:
+def is_resolved(search: Search, candidate: Candidate, beta: Vector) -> bool:
     """Whether an effect is larger than what clocks, derivatives and filters leave wrong in the torque of a rigid body.
 
     Where positions are too coarse for the accelerations in the band, that is more. A push has to last for as long as

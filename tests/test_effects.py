@@ -156,6 +156,27 @@ def test_exact_effects_of_the_rigid_body(arm):
         assert np.allclose((moved - motion.tau_m) / small, column, atol=2e-3 * np.abs(column).max())
 
 
+def test_torque_changes_along_any_direction_alike(arm):
+    """The derivatives by all coordinates together give what a difference along the change gives."""
+    motion = make_motion(arm)
+    d = np.stack([np.sin(0.7 * motion.time), np.cos(0.4 * motion.time)], axis=1)[:, : arm.n_joints]
+    d = np.pad(d, ((0, 0), (0, arm.n_joints - d.shape[1])))
+    rates = np.gradient(d, motion.time, axis=0), np.zeros_like(d)
+    whole, alone = motion.torque_change(d, rates), motion.torque_along(d, rates)
+    assert whole == pytest.approx(alone, abs=1e-6 * np.abs(alone).max())
+
+
+def test_a_level_arm_can_tilt_about_x_and_y(arm):
+    """An arm that moves in a level plane leans ahead and sideways; one in a vertical plane only turns in it."""
+    level = build_model(replace(arm.manipulator, gravity=np.array([0.0, 0.0, -9.81])))
+    (place,) = CATALOGUE["base_tilt"].places(level)
+    for model, count in ((arm, 1), (level, 2)):
+        motion = make_motion(model)
+        columns = CATALOGUE["base_tilt"].columns(motion, place, ())
+        assert columns.torque.shape[-1] == count
+        assert np.all(np.abs(columns.torque).max(axis=(0, 1)) > 1e-3)
+
+
 def test_hysteresis_forgets_and_saturates():
     """Both laws with memory stay within one, reach it far from a reversal, and do not depend on the speed."""
     x = np.concatenate([np.linspace(0, 1, 400), np.linspace(1, -1, 800), np.linspace(-1, 0, 400)])

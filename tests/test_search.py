@@ -5,13 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.diagnose import diagnose
 from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.effects import CATALOGUE, Candidate, pair_places
+from cdm_pin.explain import is_resolved
 from cdm_pin.model import load_model
 from cdm_pin.next_experiment import plan_next
 from cdm_pin.plant.draw import draw
+from cdm_pin.problem import make_problem
 from cdm_pin.recording import load_recording
+from cdm_pin.selection import Search, Settings, all_candidates, rms
 from cdm_pin.signals_filters import differentiate, lowpass
 from cdm_pin.spectra import spectrum, stands_out, whitener_of
 from cdm_pin.whitening import Lines, Whitener
@@ -158,3 +162,29 @@ def test_pairs_of_motors_are_named_once():
     model = load_model("urdf/planar3.yaml")
     places = [tuple(p.index) for p in pair_places(model)]
     assert len(set(places)) == len(places) == model.n_motors * (model.n_motors - 1) // 2
+
+
+def test_what_clocks_and_derivatives_leave_is_no_effect(tmp_path):
+    """An effect of a ten-thousandth of the torque passes no test, however quiet the sensors; a hundredth may."""
+    model, runs, _, _ = loaded_trial(tmp_path, 3, effects=0, **CAPSTAN)
+    problem = make_problem(model, runs)
+    search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
+    (friction, *_) = all_candidates(problem, ["coulomb_friction"])
+    for share, due in ((1e-2, True), (1e-4, False)):
+        size = np.max(rms(search, [c[0] for c in search.columns(friction)]) / search.loads)
+        assert is_resolved(search, friction, np.array([share / size])) is due
+    push = next(c for c in all_candidates(problem, ["external_torque"]))
+    blow = replace(push, shape=(5.0, 5.0 + 0.5 / problem.band.cutoff, 0))
+    assert not is_resolved(search, blow, np.array([100.0]))
+
+
+def test_a_small_finding_cannot_exclude_its_refinements(tmp_path):
+    """Friction of a few newton millimetres may as well depend on direction or load; a large one may not."""
+    listed = []
+    for visibility in (9.0, 300.0):
+        options = CAPSTAN | {"effects": ["coulomb_friction"], "visibility": visibility}
+        model, runs, unseen, _ = loaded_trial(tmp_path / f"{visibility:g}", 5, **options)
+        (finding,) = diagnose(model, runs, unseen).content["findings"]
+        listed.append({e["effect"] for e in finding["indistinguishable_from"]})
+    assert listed[0] & {"asymmetric_friction", "stribeck_friction", "friction_drift", "load_dependent_friction"}
+    assert not listed[1] & {"asymmetric_friction", "stribeck_friction", "friction_drift"}

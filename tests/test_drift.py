@@ -1,0 +1,89 @@
+"""Drifting zeros of torque sensors: seen where they are, beside slow effects, and not taken for what is none."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from cdm_pin.base import base_parameters, massive_columns
+from cdm_pin.diagnose import diagnose
+from cdm_pin.drift import drift_columns, slow_shapes, without_drift
+from cdm_pin.dynamics import inverse_dynamics
+from cdm_pin.model import load_model
+from cdm_pin.problem import make_problem
+from cdm_pin.recording import Recording
+from cdm_pin.selection import Search, Settings
+
+ARM = Path(__file__).resolve().parent.parent / "urdf" / "cdm2.yaml"
+W = np.array([1.1, 1.7])
+T = np.arange(0, 60, 0.005)
+
+
+def recording(seed, drift=0.0, coulomb=0.0, correlation=0.7):
+    """One minute of the paper's arm: autoregressive noise of 0.02 N m, a slow wave, dry friction of joint 2."""
+    model, rng = load_model(ARM), np.random.default_rng(seed)
+    phase = rng.uniform(0, 6, (3, 2))
+    angles = [k * W * T[:, None] + p for k, p in zip((1, 2.3), phase, strict=False)]
+    q = 0.6 * sum(np.sin(x) for x in angles)
+    v = 0.6 * sum(k * W * np.cos(x) for k, x in zip((1, 2.3), angles, strict=True))
+    a = -0.6 * sum((k * W) ** 2 * np.sin(x) for k, x in zip((1, 2.3), angles, strict=True))
+    tau = inverse_dynamics(model, q, v, a) + coulomb * np.tanh(v / 0.01) * np.array([0.0, 1.0])
+    white = 0.02 * np.sqrt(1 - correlation**2) * rng.standard_normal(q.shape)
+    noise = lfilter([1.0], [1.0, -correlation], white, axis=0)
+    slow = drift * np.sin(2 * np.pi * 0.019 * T[:, None] + phase[2])
+    torque = model.motor_torque(tau) + noise + slow
+    return Recording(T, {"joint_position": q, "motor_torque": torque}, label=f"made{seed}")
+
+
+def search_of(record):
+    model = load_model(ARM)
+    search = Search(make_problem(model, [record]), base_parameters(model, columns=massive_columns(model)), Settings())
+    return search.about(search.fit([]))
+
+
+def test_a_drift_is_seen_and_noise_is_not():
+    """Slow waves as large as the noise stand out; coloured noise alone does not, nor does friction."""
+    assert search_of(recording(0, drift=0.02)).with_drift().drift is not None
+    for seed in range(1, 5):
+        assert search_of(recording(seed)).with_drift().drift is None
+    assert search_of(recording(5, coulomb=0.1)).with_drift().drift is None
+
+
+def test_a_large_wander_is_no_drift():
+    """What dwarfs the noise is a fault, and said to be one."""
+    runs = [recording(seed, drift=0.5) for seed in (10, 11)]
+    content = diagnose(load_model(ARM), runs[:1], runs[1:]).content
+    assert content["verdict"] == "unexplained"
+    assert not content["findings"]
+
+
+def test_drift_columns_belong_to_one_channel_and_one_run():
+    first, second = drift_columns([400, 300], 10.0, 3, [0, 2], 1.5)
+    shapes = [len(slow_shapes(n, 10.0, 1.5)) for n in (400, 300)]
+    assert len(first) == len(second) == 2 * sum(shapes)
+    assert not (first.any(axis=(1, 2)) & second.any(axis=(1, 2))).any()
+    assert not first[:, 1].any()
+    assert np.all(np.count_nonzero(np.concatenate([first.any(axis=2), second.any(axis=2)]), axis=1) <= 1)
+
+
+def test_a_drift_is_taken_out_whole_and_quick_errors_stay():
+    t = np.arange(3000) / 50.0
+    shapes = slow_shapes(3000, 50.0, 1.5)
+    quick = 0.1 * np.sin(2 * np.pi * 0.5 * t)
+    rest = without_drift((quick + 0.3 * shapes[1] - 0.2 * shapes[4])[None], [(100, 1500), (1600, 2900)], shapes)
+    assert np.std(rest[0] - quick) < 0.01
+
+
+@pytest.mark.parametrize("coulomb", [0.0, 0.004])
+def test_small_friction_is_found_beside_a_drift(coulomb):
+    """A drift as large as the noise neither hides friction of a fifth of it nor makes any."""
+    runs = [recording(seed, drift=0.02, coulomb=coulomb) for seed in (10, 11)]
+    content = diagnose(load_model(ARM), runs[:1], runs[1:]).content
+    named = [(f["effect"], f["location"]["index"]) for f in content["findings"]]
+    if not coulomb:
+        assert content["verdict"] == "consistent"
+        return
+    assert len(named) == 1
+    assert "friction" in named[0][0]
+    assert named[0][1] == 2
