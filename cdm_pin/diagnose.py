@@ -26,7 +26,7 @@ from .replay_runs import replay_runs
 from .selection import Fit, ProgressCallback, Search, Settings, errors, rms
 from .spectra import wandering
 
-ONCE = ("external_torque", "unnamed_time", "unnamed_wear", "unnamed_gain_drift", "unnamed_tone")
+ONCE = ("external_torque", "unnamed_time", "unnamed_wear", "unnamed_stiffening", "unnamed_gain_drift", "unnamed_tone")
 """What happens at a time of its own: another recording cannot judge it."""
 WANDERING = 300.0
 """Slow power over quick power that no noise of a torque's measurement has; a drift that is no fault stays below 30."""

@@ -120,6 +120,11 @@ def _reversal(motion: Motion, place: Place, shape: Shape) -> Columns:
     return Columns(along=(np.stack(series), place.weights(motion.model)))
 
 
+def _stiffening(motion: Motion, place: Place, shape: Shape) -> Columns:
+    parts, q = bumps(motion.time, 5, *shape[2:]), place.along(motion.q, motion.q_m)
+    return Columns(along=(np.stack([*parts, *(q * part for part in parts)]), place.weights(motion.model)))
+
+
 def _tone(motion: Motion, place: Place, shape: Shape) -> Columns:
     phase = 2 * np.pi * shape[0] * motion.time
     return Columns(along=(np.stack([np.sin(phase), np.cos(phase)]), place.weights(motion.model)))
@@ -231,6 +236,7 @@ PATCHES: dict[str, Effect] = {
         ),
         ("unnamed_time", axis_places, _time, _function(_time, 16), "torque on {place} that wanders with time"),
         ("unnamed_wear", axis_places, _time, _function(_time, 10, _sign), "friction of {place} that changes with time"),
+        ("unnamed_stiffening", joint_places, _time, _stiffening, "a spring at {place} that changes with time"),
         ("unnamed_load", all_motor_places, _load, _function(_load, 14), "a torque that depends on the load of {place}"),
         (
             "unnamed_gain_drift",
