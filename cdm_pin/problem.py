@@ -18,8 +18,11 @@ from .motion import Motion
 from .recording import Recording
 from .regressor import motor_regressor
 from .signals import Signals, prepare
-from .signals_filters import differentiate, lowpass, noise_floor
+from .signals_filters import differentiate, lowpass, noise_floor, quantisation_step
 from .whitening import Lines, Segments
+
+MUCH = 4e8
+"""Numbers that the whitened columns of all effects may take."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +121,9 @@ class Problem:
     band : Band
     torque, kinematic : bool
         Which channels there are.
+    stated : CableModel
+        With the inertial parameters of the file. Through them it is told how loud encoders are: those that are fitted
+        to noisy accelerations come out too small.
     """
 
     model: CableModel
@@ -125,6 +131,7 @@ class Problem:
     band: Band
     torque: bool
     kinematic: bool
+    stated: CableModel
 
     @property
     def n_channels(self) -> int:
@@ -151,15 +158,16 @@ class Problem:
     def sensed(self) -> Vector:
         """Noise in the band that the sensors alone bring, shape (n_channels,).
 
-        Of torque: its own above the band, as if white, and that of positions through the inertia; of travel: that of
-        the encoders, as if they rounded down.
+        Of torque: its own above the band, as if white, and that of positions through the inertia, as if white or from
+        rounding this motion, whichever is more; of travel: that of the encoders, as if they rounded down.
         """
         parts = []
         for run in self.runs:
             signals, rate = run.signals, run.signals.rate
             share, own = np.sqrt(min(1.0, 2 * self.band.cutoff / rate)), []
             if self.torque:
-                through = inertia_noise(self.model, signals) * share * (2 * np.pi * self.band.cutoff) ** 2 / np.sqrt(5)
+                through = inertia_noise(self.stated, signals) * share * (2 * np.pi * self.band.cutoff) ** 2 / np.sqrt(5)
+                through = np.maximum(through, _rounded(self.stated, signals, self.band))
                 own.append(np.hypot(noise_floor(_torque(self.model, signals), rate, self.band.cutoff), through))
             if self.kinematic:  # encoders may round down: half a step, at any frequency
                 own.append(_both_noise(signals, self.model) * run.motion.arm_scale * np.sqrt(3.0))
@@ -174,7 +182,21 @@ class Problem:
         """
         if not self.torque:
             return self.band.cutoff
-        return min(self.band.cutoff, float(np.median([_limit(self.model, run.signals) for run in self.runs])))
+        return min(self.band.cutoff, float(np.median([_limit(self.stated, run.signals) for run in self.runs])))
+
+    @cached_property
+    def torque_steps(self) -> Vector:
+        """Steps in which torque was logged, as the motors see them, shape (n_motors,) [N m]; zero where there are none.
+
+        What is logged may be wrong by half of one for as long as the torque hardly changes.
+        """
+        steps = np.zeros(self.model.n_motors)
+        for run in self.runs:
+            logged = run.signals.recording.channels
+            name = "motor_torque" if "motor_torque" in logged else "joint_torque"
+            own = np.array([quantisation_step(x) for x in logged[name].T]) if name in logged else np.zeros(1)
+            steps = np.maximum(steps, own if name == "motor_torque" else np.abs(self.model.joint_from_motor.T) @ own)
+        return steps
 
     @cached_property
     def data(self) -> list[Vector]:
@@ -241,7 +263,7 @@ class Problem:
     def with_model(self, model: CableModel) -> Problem:
         """Give the same problem with other inertial parameters in the motions."""
         runs = tuple(replace(run, motion=run.motion.with_model(model)) for run in self.runs)
-        return Problem(model, runs, self.band, self.torque, self.kinematic)
+        return replace(self, model=model, runs=runs)
 
     def with_loads(self, effects: Sequence[tuple[Candidate, Vector]]) -> Problem:
         """Give the same problem with the torques that these effects bring in the motions."""
@@ -260,14 +282,15 @@ def make_problem(model: CableModel, recordings: Sequence[Recording], band: Band 
     rate = min(s.rate for s in signals)
     if any(abs(s.rate - rate) > 1e-3 * rate for s in signals):
         signals = [prepare(recording, model, rate=rate) for recording in recordings]
-    chosen = band or make_band(rate, _cutoff(model, signals))
     torque = all(_has(s, "torque") for s in signals)
     kinematic = all("joint_position" in s.logged and "motor_position" in s.logged for s in signals)
+    samples = sum(len(s.time) for s in signals) * (torque + kinematic) * model.n_motors
+    chosen = band or make_band(rate, min(_cutoff(model, signals), _affordable(model.n_motors, samples, rate)))
 
     def made(band: Band) -> Problem:
         ready = [prepare(recording, model, rate=rate, cutoff=band.cutoff) for recording in recordings]
         runs = tuple(_run(model, s, band, torque, kinematic, i) for i, s in enumerate(ready))
-        return Problem(model, runs, band, torque, kinematic)
+        return Problem(model, runs, band, torque, kinematic, model)
 
     problem = made(chosen)
     if band is not None or not torque:
@@ -278,6 +301,11 @@ def make_problem(model: CableModel, recordings: Sequence[Recording], band: Band 
     ]
     cutoff = float(np.median(slower))
     return problem if cutoff >= chosen.cutoff else made(make_band(rate, cutoff))
+
+
+def _affordable(n_motors: int, samples: int, rate: float) -> float:
+    """Give the cut-off [Hz] up to which the columns of all effects, some 190 per pair of motors, find room."""
+    return max(3.0, MUCH / (190 * n_motors**2) / samples * rate / 2.6)
 
 
 def _has(signals: Signals, what: str) -> bool:
@@ -323,6 +351,30 @@ def inertia_noise(model: CableModel, signals: Signals) -> Vector:
     q, _ = _positions(model, signals)
     noise = np.maximum(noise_floor(q, signals.rate), 1e-9)
     return np.abs(model.joint_from_motor.T @ _mass(model, q) * noise) @ (np.ptp(q, axis=0) > 1e-6)
+
+
+def _rounded(model: CableModel, signals: Signals, band: Band) -> Vector:
+    """Torque that rounding brings through accelerations and inertia, shape (n_motors,) [N m].
+
+    Slow motions are rounded alike for long: such errors are no white noise, and more of them lies in the band. They are
+    made once more by rounding the motion as far as it is known.
+    """
+    q, _ = _positions(model, signals)
+    smooth, logged = lowpass(q, signals.rate, band.cutoff), signals.recording.channels
+    measured = "joint_position" if "joint_position" in signals.logged else "motor_position"
+    if measured not in logged:
+        return np.zeros(model.n_motors)
+    x = smooth if measured == "joint_position" else model.motor_position(smooth)
+    steps = np.array([quantisation_step(column) for column in logged[measured].T])
+    own = np.where(steps > 0, steps, 1.0)
+    error = (np.round(x / own) * own - x) * (steps > 0)
+    if measured == "motor_position":
+        error = error @ model.joint_from_motor.T
+    error = lowpass(error, signals.rate, min(4.0 * band.cutoff, 0.45 * signals.rate))
+    a = differentiate(differentiate(error, signals.rate), signals.rate)
+    torque = band.reduce((a @ _mass(model, q) @ model.joint_from_motor).T)
+    inside = [torque[:, start:stop] for start, stop in band.segments(signals.valid)]
+    return np.sqrt(np.mean(np.concatenate(inside, axis=1) ** 2, axis=1)) if inside else np.zeros(model.n_motors)
 
 
 def _mass(model: CableModel, q: Vector) -> Vector:

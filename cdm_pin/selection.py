@@ -23,6 +23,7 @@ from .spectra import Spectrum, spectrum, stands_out, whitener_of
 from .whitening import Lines, Segments, Whitener, fit_whitener, log_p, quiet_segments
 
 _TORQUE_BOUND = frozenset(name for name, effect in CATALOGUE.items() if effect.follows or effect.weighs)
+_LARGE = 2e9  # bytes of a whitened bank; of such only one is kept
 
 
 @dataclass(frozen=True)
@@ -577,23 +578,28 @@ class Search:
         for r in range(len(self.rigid)):
             parts = [self.rigid[r], *[columns[r] for columns in own], *([further[r]] if further is not None else [])]
             banks.append(np.concatenate([*parts, self.nominal[r][None]]))
-        inside = [_inside(bank, run) for bank, run in zip(banks, self.problem.segments, strict=True)]
-        W = np.concatenate([b.reshape(len(b), -1) for b in inside], axis=1)
-        level = np.concatenate([np.repeat(1 / np.diag(self.plain.mix), b.shape[2]) for b in inside])
-        A, b = W[:-1] / level, W[-1] / level
-        scale = np.linalg.norm(A, axis=1)
-        A = A[scale > 0] / scale[scale > 0, None]
+        ends = [bank.shape[2] for bank in banks]
+        for r, run in enumerate(self.problem.segments):  # there are many columns: no more copies than one at a time
+            banks[r] = _inside(banks[r], run)
+        shapes = [bank.shape[1:] for bank in banks]
+        W = np.concatenate([b.reshape(len(b), -1) for b in banks], axis=1)
+        level = np.concatenate([np.repeat(1 / np.diag(self.plain.mix), n) for _, n in shapes])
+        del banks
+        W /= level
+        b, scale = W[-1].copy(), np.linalg.norm(W[:-1], axis=1)
+        A = W[:-1][scale > 0]
+        del W
+        A /= scale[scale > 0, None]
         values, vectors = np.linalg.eigh(A @ A.T)
         keep = values > 1e-9 * np.max(values, initial=0.0)
         Q = (vectors[:, keep] / np.sqrt(values[keep])).T @ A
+        del A
         rest = (b - Q.T @ (Q @ b)) * level
         residuals, basis, first = [], [], 0
-        for bank, run, part in zip(banks, self.problem.segments, inside, strict=True):
-            size = part.shape[1] * part.shape[2]
-            residuals.append(
-                _outside(rest[None, first : first + size].reshape(1, *part.shape[1:]), run, bank.shape[2])[0]
-            )
-            basis.append(_outside(Q[:, first : first + size].reshape(len(Q), *part.shape[1:]), run, bank.shape[2]))
+        for shape, run, n in zip(shapes, self.problem.segments, ends, strict=True):
+            size = shape[0] * shape[1]
+            residuals.append(_outside(rest[None, first : first + size].reshape(1, *shape), run, n)[0])
+            basis.append(_outside(Q[:, first : first + size].reshape(len(Q), *shape), run, n))
             first += size
         return residuals, basis
 
@@ -656,9 +662,9 @@ class Search:
         known = self._banks.get(whitener, bank)
         if known is not None:
             return known
-        segments = self.problem.segments
-        parts = [whitener.lines(lines, run, r) for r, (lines, run) in enumerate(zip(bank.lines, segments, strict=True))]
-        W = np.concatenate(parts, axis=1)
+        if 8 * bank.slices[-1].stop * len(body.data) > _LARGE:
+            self._banks.clear()
+        W = whitener.lines(bank.lines, self.problem.segments)
         full = np.einsum("ij,ij->i", W, W)
         inside = W @ body.Q
         left = full - np.einsum("ij,ij->i", inside, inside)
@@ -900,6 +906,10 @@ class Recent:
         while len(self._known) > self.most:
             self._known.pop(next(iter(self._known)))
         return value
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._known.clear()
 
     @staticmethod
     def _name(owners: tuple[Any, ...]) -> tuple[Any, ...]:

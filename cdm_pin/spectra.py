@@ -154,7 +154,7 @@ def whitener_of(
     white = []
     for r, (e, run) in enumerate(zip(residuals, segments, strict=True)):
         lines = Lines(np.asarray(e), np.eye(n_channels), np.arange(n_channels), n_channels)
-        rows = own.lines(lines, run, r)
+        rows = own.lines([lines], [run], r)
         long = [b - a - order for a, b in run if b - a > 2 * order]
         starts = n_channels * np.cumsum([0, *long])
         parts = [np.zeros((n_channels, 0))]

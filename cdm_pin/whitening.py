@@ -96,27 +96,32 @@ class Whitener:
         -------
         ndarray, shape (n_columns, n_rows)
         """
-        return self.lines(Lines.of(bank), segments, run)
+        return self.lines([Lines.of(bank)], [segments], run)
 
-    def lines(self, lines: Lines, segments: Segments, run: int = 0) -> Vector:
-        """Whiten columns of one run that are sums of weighted series, shape (n_columns, n_rows)."""
-        long = [(start, stop) for start, stop in segments if stop - start > 2 * self.order]
-        n_channels = len(self.coefficients)
-        out = np.zeros((lines.n_columns, n_channels * sum(stop - start - self.order for start, stop in long)))
-        if long and len(lines.series):
-            bounds = np.array(long, dtype=np.int64)
-            mix = self.mix / self.scale[run]
-            _whiten(lines.series, lines.weights, lines.owner, bounds, self.coefficients, mix, out)
+    def lines(self, runs: Sequence[Lines], segments: Sequence[Segments], first: int = 0) -> Vector:
+        """Whiten columns that are sums of weighted series, of runs from the `first` on, shape (n_columns, n_rows)."""
+        long = [[(start, stop) for start, stop in run if stop - start > 2 * self.order] for run in segments]
+        rows = [len(self.coefficients) * sum(stop - start - self.order for start, stop in run) for run in long]
+        out, row = np.zeros((runs[0].n_columns, sum(rows))), 0
+        for r, (lines, own, n) in enumerate(zip(runs, long, rows, strict=True), start=first):
+            if n and len(lines.series):
+                bounds = np.array(own, dtype=np.int64)
+                mix = self.mix / self.scale[r]
+                _whiten(lines.series, lines.weights, lines.owner, bounds, self.coefficients, mix, out, row)
+            row += n
         return out
 
 
 @numba.njit(cache=True, fastmath=True, nogil=True)
-def _whiten(series, weights, owner, bounds, coefficients, mix, out):
-    """Filter every series by 1 - sum_k c_k z^-k of each channel that sees it, mix the channels, add to its column."""
+def _whiten(series, weights, owner, bounds, coefficients, mix, out, first_row):
+    """Filter every series by 1 - sum_k c_k z^-k of each channel that sees it, mix the channels, add to its column.
+
+    What is whitened stands in rows from `first_row` on.
+    """
     n_channels, order = coefficients.shape
     for m in range(len(series)):
         x, column = series[m], out[owner[m]]
-        row = 0
+        row = first_row
         for s in range(len(bounds)):
             first, n = bounds[s, 0] + order, bounds[s, 1] - bounds[s, 0] - order
             for c in range(n_channels):

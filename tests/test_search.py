@@ -83,7 +83,7 @@ def test_lines_whiten_as_their_columns_do():
     mix = np.tril(rng.normal(size=(3, 3)))
     whitener = Whitener(rng.normal(size=(3, 5)) * 0.1, mix, np.ones(1))
     segments = [(0, 90), (100, 200)]
-    assert np.allclose(whitener.lines(joined, segments), whitener(joined.dense(), segments))
+    assert np.allclose(whitener.lines([joined], [segments]), whitener(joined.dense(), segments))
 
 
 def test_hysteresis_between_two_motors_parts_is_found_with_its_ratio(tmp_path):
