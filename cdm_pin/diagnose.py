@@ -14,7 +14,7 @@ from .base import base_parameters, massive_columns
 from .consistency import nearest_standard
 from .effects import STOPS, Candidate, Place, axis_places
 from .everywhere import agreements, confirmed
-from .explain import Explanation, Found, explain, explained, patch, unnamed
+from .explain import Explanation, Found, explain, explained, is_loud, patch, unnamed
 from .geometry import Manipulator, Vector, frozen_array
 from .model import CableModel
 from .next_experiment import Experiment, plan_next
@@ -26,6 +26,8 @@ from .replay_runs import replay_runs
 from .selection import Fit, ProgressCallback, Search, Settings, errors, rms
 from .spectra import wandering
 
+BLURRED = 0.25
+"""Share of the torque that steps of encoders may make through accelerations."""
 ONCE = ("external_torque", "unnamed_time", "unnamed_wear", "unnamed_stiffening", "unnamed_gain_drift", "unnamed_tone")
 """What happens at a time of its own: another recording cannot judge it."""
 WANDERING = 300.0
@@ -110,21 +112,27 @@ def diagnose(
     base = base_parameters(model, columns=massive_columns(model))
     search = Search(problem, base, settings)
     search = search.about(search.fit([]))
-    explanation = explain(search.with_drift(), progress)
+    explanation, lost = explain(search.with_drift(), progress), []
     if explanation.search.is_swamped(explanation.fit):
         explanation = explain(search, progress)
     search = explanation.search
     judge = None
     if unseen:
         fit = explanation.fit
-        seen = make_problem(search.problem.model, unseen, problem.band)
+        seen = make_problem(model, unseen, problem.band).with_model(search.problem.model)
         judge = search.judge(seen.with_loads(list(zip(fit.effects, fit.beta, strict=True))))
     if explanation.everywhere:
         explanation = _weighed(search, judge, explanation)
     elif judge is not None:
-        explanation = _judged(search, judge, explanation)
+        first, explanation = explanation, _judged(search, judge, explanation)
+        named = [f.candidate.key for f in first.found if f.candidate.named]
+        if named and not explanation.found:  # another explanation may have been second to those that were withdrawn
+            again = explain(search, progress, frozenset(named))
+            explanation = max(_judged(again.search, judge, again), explanation, key=lambda e: len(e.found))
+            search = explanation.search
+        lost = [f for f in first.found if f.candidate not in explanation.fit.effects and is_loud(f.score)]
     say("sensitivities", 0.95)
-    return _report(model, search, judge, explanation)
+    return _report(model, search, judge, explanation, bool(lost))
 
 
 def _judged(search: Search, judge: Search, explanation: Explanation) -> Explanation:
@@ -205,6 +213,9 @@ def insufficient(problem: Problem) -> str:
     moving = max(float(np.ptp(m.q, axis=0).max()) for m in problem.motions)
     if moving < 1e-3:
         return f"nothing moves (largest range of a joint {moving:.2g})"
+    if problem.torque and np.median(problem.rounded) > BLURRED:
+        share = 100 * np.median(problem.rounded)
+        return f"too slow a motion for the encoders: by inertia their steps alone make {share:.0f} % of the torque"
     return ""
 
 
@@ -308,7 +319,9 @@ def _fit_content(search: Search, rigid: Fit, fit: Fit, judged: Search) -> dict[s
     }
 
 
-def _report(model: CableModel, search: Search, judge: Search | None, explanation: Explanation) -> Diagnosis:
+def _report(
+    model: CableModel, search: Search, judge: Search | None, explanation: Explanation, disputed: bool
+) -> Diagnosis:
     fit = explanation.fit
     patches = [f for f in explanation.found if not f.candidate.named]
     named = [j for j, f in enumerate(explanation.found) if f.candidate.named]
@@ -339,6 +352,10 @@ def _report(model: CableModel, search: Search, judge: Search | None, explanation
             sure = [j for j in stated if fi.outweighs(model, explanation.found[j], motor, excess)]
             stated = {j: stated[j] for j in sure}
         unexplained = _nameless(search, explanation) or unexplained or _wandering(search, fit)
+        if disputed and unexplained is None:
+            unexplained = _disputed(search, explanation)
+            if unexplained is not None:  # nor can what happens once be confirmed then
+                stated = {j: v for j, v in stated.items() if explanation.found[j].candidate.effect.name not in ONCE}
     items = [_finding(search, judge, explanation, j, values) for j, values in stated.items()]
     written = fitted if explanation.everywhere else stated  # also those whose names are not sure
     records = [
@@ -483,11 +500,18 @@ def _something(
 
 def _nameless(search: Search, explanation: Explanation) -> dict[str, Any] | None:
     """Describe what is left beside many findings by the correction that explains most of it."""
-    if not explanation.everywhere:
-        return None
+    return _described(search, explanation, only_loud=False) if explanation.everywhere else None
+
+
+def _disputed(search: Search, explanation: Explanation) -> dict[str, Any] | None:
+    """Describe what the unseen recordings did not confirm but the others cannot do without."""
+    return _described(search, explanation, only_loud=True)
+
+
+def _described(search: Search, explanation: Explanation, only_loud: bool) -> dict[str, Any] | None:
     effects = [f.candidate for f in explanation.found]
     patch = unnamed(search, explanation.bank, effects)
-    if patch is None:
+    if patch is None or (only_loud and not is_loud(search.score(explanation.fit, patch))):
         return None
     fit = search.fit([*effects, patch], explanation.fit.whitener)
     score = search.score(explanation.fit, patch)

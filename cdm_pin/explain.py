@@ -78,7 +78,9 @@ class Explanation:
         return self.rigid.deviance - self.fit.deviance
 
 
-def explain(search: Search, progress: ProgressCallback | None = None) -> Explanation:
+def explain(
+    search: Search, progress: ProgressCallback | None = None, but: frozenset[tuple[str, str]] = frozenset()
+) -> Explanation:
     """Find the effects that the rigid body leaves out.
 
     Two estimates of the noise are used: significance is judged in the residual of the model as it stands, in which
@@ -90,6 +92,8 @@ def explain(search: Search, progress: ProgressCallback | None = None) -> Explana
     search : Search
     progress : callable, optional
         Called with the name of the step and the fraction done.
+    but : frozenset of (str, str)
+        Keys of candidates that are left out.
 
     Returns
     -------
@@ -97,7 +101,7 @@ def explain(search: Search, progress: ProgressCallback | None = None) -> Explana
     """
     say = Reporter(search, progress)
     say("columns of every effect", 0.0)
-    bank = search.bank([*all_candidates(search.problem), *tones(search)])
+    bank = search.bank([c for c in (*all_candidates(search.problem), *tones(search)) if c.key not in but])
     accepted: list[Candidate] = []
     for turn in range(4):
         say("searching", 0.1 + 0.2 * turn)
@@ -204,7 +208,7 @@ def unnamed(search: Search, bank: Bank, accepted: list[Candidate]) -> Candidate 
     clear = search.fit(accepted, search.clear(accepted))
     for f in (fit, clear):
         for candidate, score, weight in _leaders(search, f, bank, 3, accepted, named=False):
-            heard = f is fit or (_is_loud(score) and _is_seconded(search, fit, candidate, score, weight))
+            heard = f is fit or (is_loud(score) and _is_seconded(search, fit, candidate, score, weight))
             if heard and gain(search, f, candidate, score) > 0 and _passes(search, candidate, score, weight, f):
                 return candidate
     return None
@@ -310,7 +314,7 @@ def patch(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candida
         for candidate, score, weight in _leaders(search, without, bank, 2, rest, named=False):
             margin = 0.5 * s.patch_law_error**2 * statistic * (1 if taken < 3 else -1)
             if (
-                _is_loud(score)
+                is_loud(score)
                 and _passes(search, candidate, score, weight, without)
                 and gain(search, without, candidate, score) > old + margin
                 and _is_seconded(search, search.fit(rest, fit.whitener), candidate, score, weight)
@@ -435,7 +439,7 @@ def _shouted(search: Search, clear: Fit, bank: Bank, taken: Sequence[Candidate])
 
     A strong slow effect can pass for slow noise; its statistic in the clear noise is then many times the threshold.
     """
-    loud = [x for x in _leaders(search, clear, bank, 10, taken) if _is_loud(x[1])]
+    loud = [x for x in _leaders(search, clear, bank, 10, taken) if is_loud(x[1])]
     return any(_passes(search, *leader, clear) for leader in loud)
 
 
@@ -446,7 +450,8 @@ def _is_seconded(search: Search, fit: Fit, candidate: Candidate, score: Score, w
     return family_wise(search.score(fit, candidate), candidate, weight) < np.log(search.settings.alarm)
 
 
-def _is_loud(score: Score) -> bool:
+def is_loud(score: Score) -> bool:
+    """Whether a statistic is many times any threshold."""
     return score.statistic > 120.0 + 25.0 * score.k
 
 
@@ -545,6 +550,8 @@ def _split(search: Search, bank: Bank, accepted: list[Candidate], whitener: Whit
         without = search.without(whole, j)
         others = list(without.effects)
         own = search.score(without, old)
+        if not np.isfinite(own.statistic):
+            continue
         after = [gain(search, whole, c, s) for c, s, _ in _leaders(search, whole, bank, 1, accepted)]
         base = gain(search, without, old, own) + max([0.0, *after])
         slack = 0.5 * search.settings.law_error**2 * own.statistic
@@ -591,7 +598,7 @@ def prune(search: Search, accepted: list[Candidate]) -> list[Candidate]:
             quiet = not _passes(search, candidate, score, 0.01, without)
             if _backwards(search, fit, j):
                 score = replace(score, statistic=-np.inf)
-            if score.statistic < worst and ((quiet and not _is_loud(score)) or score.statistic < 0.0):
+            if score.statistic < worst and ((quiet and not is_loud(score)) or score.statistic < 0.0):
                 weakest, worst = j, score.statistic
         if weakest < 0:
             return accepted

@@ -175,6 +175,15 @@ class Problem:
         return np.max(parts, axis=0)
 
     @cached_property
+    def rounded(self) -> Vector:
+        """Share of each motor's torque that steps of encoders bring through the inertia, shape (n_motors,)."""
+        made = [_rounded(self.stated, run.signals, self.band) for run in self.runs]
+        m = self.model.n_motors
+        parts = [x[0, :m, a:b] for x, own in zip(self.data, self.segments, strict=True) for a, b in own]
+        size = np.sqrt(np.mean(np.concatenate(parts, axis=1) ** 2, axis=1)) if parts else np.ones(m)
+        return np.max(made, axis=0) / np.maximum(size, 1e-300)
+
+    @cached_property
     def trusted(self) -> float:
         """Frequency up to which torque is noisier than positions are through the inertia [Hz]; beyond, they are alike.
 
