@@ -128,8 +128,9 @@ def diagnose(
         named = [f.candidate.key for f in first.found if f.candidate.named]
         if named and not explanation.found:  # another explanation may have been second to those that were withdrawn
             again = explain(search, progress, frozenset(named))
-            explanation = max(_judged(again.search, judge, again), explanation, key=lambda e: len(e.found))
-            search = explanation.search
+            again = _judged(again.search, judge, again)
+            if again.found and not {f.candidate.effect.name for f in again.found} & {name for name, _ in named}:
+                explanation, search = again, again.search
         lost = [f for f in first.found if f.candidate not in explanation.fit.effects and is_loud(f.score)]
     say("sensitivities", 0.95)
     return _report(model, search, judge, explanation, bool(lost))
