@@ -347,7 +347,7 @@ def test_view_command_ends_on_ctrl_c(files):
         text += process.stdout.readline()
     url = json.loads(text)["url"]
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == 130 and errors.strip() == "cdm-pin: interrupted"
     with pytest.raises(OSError):  # refused or reset
         urllib.request.urlopen(url, timeout=5)
