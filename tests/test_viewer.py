@@ -13,6 +13,7 @@ import sys
 import time
 import urllib.error
 import urllib.request
+from functools import partial
 
 import numpy as np
 import pytest
@@ -340,7 +341,10 @@ def test_view_command_refuses_what_is_no_diagnosis(files, capsys):
 def test_view_command_ends_on_ctrl_c(files):
     """Ctrl-C ends `view` with status 130, one line and no server left."""
     command = [sys.executable, "-m", "cdm_pin.cli", "view", str(files / "arm.yaml"), "--json"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    heard = partial(
+        signal.signal, signal.SIGINT, signal.SIG_DFL
+    )  # shells ignore Ctrl-C for what runs in the background
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heard)
     assert process.stdout is not None
     text = ""
     while not text.rstrip().endswith("}"):
