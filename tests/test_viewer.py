@@ -13,7 +13,6 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from functools import partial
 
 import numpy as np
 import pytest
@@ -338,13 +337,21 @@ def test_view_command_refuses_what_is_no_diagnosis(files, capsys):
     assert "is not a diagnosis" in capsys.readouterr().err
 
 
+def _hear_interrupts() -> None:
+    """Shells ignore Ctrl-C for what they run in the background, and so would a command started from there."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def test_view_command_ends_on_ctrl_c(files):
     """Ctrl-C ends `view` with status 130, one line and no server left."""
     command = [sys.executable, "-m", "cdm_pin.cli", "view", str(files / "arm.yaml"), "--json"]
-    heard = partial(
-        signal.signal, signal.SIGINT, signal.SIG_DFL
-    )  # shells ignore Ctrl-C for what runs in the background
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heard)
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=_hear_interrupts,
+    )
     assert process.stdout is not None
     text = ""
     while not text.rstrip().endswith("}"):
