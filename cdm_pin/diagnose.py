@@ -112,50 +112,55 @@ def diagnose(
     base = base_parameters(model, columns=massive_columns(model))
     search = Search(problem, base, settings)
     search = search.about(search.fit([]))
-    explanation, lost = explain(search.with_drift(), progress), []
-    if explanation.search.is_swamped(explanation.fit):
-        explanation = explain(search, progress)
-    search = explanation.search
-    judge = None
-    if unseen:
-        fit = explanation.fit
-        seen = make_problem(model, unseen, problem.band).with_model(search.problem.model)
-        judge = search.judge(seen.with_loads(list(zip(fit.effects, fit.beta, strict=True))))
-    if explanation.everywhere:
-        explanation = _weighed(search, judge, explanation)
-    elif judge is not None:
-        first, explanation = explanation, _judged(search, judge, explanation)
-        named = [f.candidate.key for f in first.found if f.candidate.named]
-        if named and not explanation.found:  # another explanation may have been second to those that were withdrawn
-            again = explain(search, progress, frozenset(named))
-            again = _judged(again.search, judge, again)
-            if again.found and not {f.candidate.effect.name for f in again.found} & {name for name, _ in named}:
-                explanation, search = again, again.search
-        lost = [f for f in first.found if f.candidate not in explanation.fit.effects and is_loud(f.score)]
+    first = explain(search.with_drift(), progress)
+    if first.search.is_swamped(first.fit):
+        first = explain(search, progress)
+    seen = make_problem(model, unseen, problem.band) if unseen else None
+    judge, explanation = _validated(seen, first)
+    named = [f.candidate.key for f in first.found if f.candidate.named]
+    if named and not explanation.found:  # another explanation may have been second to those that were withdrawn
+        there, again = _validated(seen, explain(first.search, progress, frozenset(named)))
+        if again.found and not {f.candidate.effect.name for f in again.found} & {name for name, _ in named}:
+            judge, explanation = there, again
+    lost = [f for f in first.found if f.candidate not in explanation.fit.effects and is_loud(f.score)]
     say("sensitivities", 0.95)
-    return _report(model, search, judge, explanation, bool(lost))
+    return _report(model, judge, explanation, bool(lost) and not first.everywhere)
 
 
-def _judged(search: Search, judge: Search, explanation: Explanation) -> Explanation:
+def _validated(seen: Problem | None, explanation: Explanation) -> tuple[Search | None, Explanation]:
+    """Keep of an explanation what the unseen recordings confirm; give the search on them, about the same model, too."""
+    search, fit = explanation.search, explanation.fit
+    judge = None
+    if seen is not None:
+        pairs = list(zip(fit.effects, fit.beta, strict=True))
+        judge = search.judge(seen.with_model(search.problem.model).with_loads(pairs))
+    if explanation.everywhere:
+        return judge, _weighed(judge, explanation)
+    return judge, explanation if judge is None else _judged(judge, explanation)
+
+
+def _judged(judge: Search, explanation: Explanation) -> Explanation:
     """Withdraw what does not help on the unseen recordings; what then stands out has no name.
 
     What is left is judged again each time, for it may have helped only against what was withdrawn.
     """
+    search = explanation.search
     for turn in range(5):
-        explanation = _reconsidered(search, judge, explanation)
+        explanation = _reconsidered(judge, explanation)
         kept = [f for j, f in enumerate(explanation.found) if _helps(judge, explanation, j)]
         if len(kept) == len(explanation.found):
             break
         patched = None if turn else patch(search, explanation.bank, [f.candidate for f in kept])
         if patched is None:
-            explanation = _restricted(search, explanation, kept)
+            explanation = _restricted(explanation, kept)
         else:
             explanation = explained(search, explanation.bank, patched)
     return explanation
 
 
-def _weighed(search: Search, judge: Search | None, explanation: Explanation) -> Explanation:
+def _weighed(judge: Search | None, explanation: Explanation) -> Explanation:
     """Keep of many findings what helps on the unseen recordings, and set each against its rivals."""
+    search = explanation.search
     effects = [f.candidate for f in explanation.found]
     if judge is not None:
         effects = confirmed(search, judge, effects, np.maximum(noise_floor(judge, effects), 1e-12))
@@ -167,13 +172,13 @@ def _weighed(search: Search, judge: Search | None, explanation: Explanation) -> 
     return replace(explanation, found=found)
 
 
-def _reconsidered(search: Search, judge: Search, explanation: Explanation) -> Explanation:
+def _reconsidered(judge: Search, explanation: Explanation) -> Explanation:
     """Let the unseen recordings choose between laws that the others hardly tell apart.
 
     A named law takes the place of another one where the evidence of all recordings is clearly for it, and that of a
     correction without a name where it does better on the unseen ones.
     """
-    whitener = explanation.fit.whitener
+    search, whitener = explanation.search, explanation.fit.whitener
     for j, found in enumerate(explanation.found):
         if found.candidate.effect.name in ONCE:
             continue
@@ -235,10 +240,10 @@ def _insufficient(problem: Problem, reason: str) -> dict[str, Any]:
     }
 
 
-def _restricted(search: Search, explanation: Explanation, found: Sequence[Found]) -> Explanation:
+def _restricted(explanation: Explanation, found: Sequence[Found]) -> Explanation:
     """Give the explanation with only these findings, fitted anew."""
-    candidates = [f.candidate for f in found]
-    fit = search.fit(candidates)
+    search = explanation.search
+    fit = search.fit([f.candidate for f in found])
     rigid = search.fit([], fit.whitener)
     renewed = []
     for j, f in enumerate(found):
@@ -320,10 +325,8 @@ def _fit_content(search: Search, rigid: Fit, fit: Fit, judged: Search) -> dict[s
     }
 
 
-def _report(
-    model: CableModel, search: Search, judge: Search | None, explanation: Explanation, disputed: bool
-) -> Diagnosis:
-    fit = explanation.fit
+def _report(model: CableModel, judge: Search | None, explanation: Explanation, disputed: bool) -> Diagnosis:
+    search, fit = explanation.search, explanation.fit
     patches = [f for f in explanation.found if not f.candidate.named]
     named = [j for j, f in enumerate(explanation.found) if f.candidate.named]
     if patches:
@@ -345,16 +348,18 @@ def _report(
         found = explanation.found
         stated = {j: v for j, v in stated.items() if not fi.is_outdone(found[j]) and found[j].agreement >= AGREEMENT}
     if patches:
-        unexplained = _unexplained(explanation, patches, search)
+        unexplained = _unexplained(explanation, patches)
     else:
         unexplained, excess = _beyond_floor(search, judge, explanation)
         if unexplained is not None and not explanation.everywhere:
             motor = unexplained["location"]["index"]
             sure = [j for j in stated if fi.outweighs(model, explanation.found[j], motor, excess)]
             stated = {j: stated[j] for j in sure}
-        unexplained = _nameless(search, explanation) or unexplained or _wandering(search, fit)
+        if explanation.everywhere:
+            unexplained = _nameless(explanation) or unexplained
+        unexplained = unexplained or _wandering(search, fit)
         if disputed and unexplained is None:
-            unexplained = _disputed(search, explanation)
+            unexplained = _nameless(explanation, only_loud=True)
             if unexplained is not None:  # nor can what happens once be confirmed then
                 stated = {j: v for j, v in stated.items() if explanation.found[j].candidate.effect.name not in ONCE}
     items = [_finding(search, judge, explanation, j, values) for j, values in stated.items()]
@@ -466,7 +471,8 @@ def _records(candidate: Candidate, values: dict[str, Any], beta: Vector) -> list
     return [{"effect": candidate.effect.name, "location": place, "parameters": parameters}]
 
 
-def _unexplained(explanation: Explanation, patches: Sequence[Found], search: Search) -> dict[str, Any]:
+def _unexplained(explanation: Explanation, patches: Sequence[Found]) -> dict[str, Any]:
+    search = explanation.search
     main = max(patches, key=lambda f: f.score.statistic)
     j = explanation.found.index(main)
     columns = search.columns(main.candidate)
@@ -499,25 +505,17 @@ def _something(
     }
 
 
-def _nameless(search: Search, explanation: Explanation) -> dict[str, Any] | None:
-    """Describe what is left beside many findings by the correction that explains most of it."""
-    return _described(search, explanation, only_loud=False) if explanation.everywhere else None
-
-
-def _disputed(search: Search, explanation: Explanation) -> dict[str, Any] | None:
-    """Describe what the unseen recordings did not confirm but the others cannot do without."""
-    return _described(search, explanation, only_loud=True)
-
-
-def _described(search: Search, explanation: Explanation, only_loud: bool) -> dict[str, Any] | None:
-    effects = [f.candidate for f in explanation.found]
+def _nameless(explanation: Explanation, only_loud: bool = False) -> dict[str, Any] | None:
+    """Describe what is left beside the findings by the correction that explains most of it."""
+    search, effects = explanation.search, [f.candidate for f in explanation.found]
     patch = unnamed(search, explanation.bank, effects)
-    if patch is None or (only_loud and not is_loud(search.score(explanation.fit, patch))):
+    if patch is None:
+        return None
+    found = Found(patch, search.score(explanation.fit, patch), 0.0, 0.0)
+    if only_loud and not is_loud(found.score):
         return None
     fit = search.fit([*effects, patch], explanation.fit.whitener)
-    score = search.score(explanation.fit, patch)
-    found = Found(patch, score, 0.0, 0.0)
-    return _unexplained(replace(explanation, found=(*explanation.found, found), fit=fit), [found], search)
+    return _unexplained(replace(explanation, found=(*explanation.found, found), fit=fit), [found])
 
 
 def _beyond_floor(

@@ -560,7 +560,7 @@ def _moved(motion: Motion, travel: Vector, i: int, torque: Vector | None) -> Col
         return Columns(
             torque[..., None] if torque is not None else None, x[..., None] if motion.motors_measured else None
         )
-    moved = motion.torque_change(-(x / motion.arm_scale) @ motion.model.joint_from_motor.T)
+    moved = motion.torque_change(-(x / motion.model.arm_scale) @ motion.model.joint_from_motor.T)
     return Columns((moved + (torque if torque is not None else 0.0))[..., None])
 
 
@@ -718,7 +718,7 @@ def _encoder(motion: Motion, place: Place, shape: Shape) -> Columns:
     torque = half.torque_along(d, (zero, zero))[..., None]
     if not (motion.joints_measured and motion.motors_measured):
         return Columns(torque)
-    x = motion.arm_scale * motion.model.motor_from_joint[:, k]
+    x = motion.model.arm_scale * motion.model.motor_from_joint[:, k]
     return Columns(torque, np.broadcast_to(-x, (motion.n, len(x)))[..., None])
 
 

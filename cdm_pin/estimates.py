@@ -66,7 +66,7 @@ def estimated_output(model: CableModel, recording: Recording) -> dict[str, Vecto
             taken = taken + columns.torque[..., : len(beta)] @ beta[: columns.torque.shape[2]]
         if columns.kinematic is not None:
             travel = travel + columns.kinematic[..., : len(beta)] @ beta[: columns.kinematic.shape[2]]
-    out = {"joint_position": model.joint_position(q_m - travel / motion.arm_scale)}
+    out = {"joint_position": model.joint_position(q_m - travel / model.arm_scale)}
     if "motor_torque" in recording.channels:
         out["joint_torque"] = (recording.channels["motor_torque"] - taken) @ np.linalg.pinv(E)
         if model.manipulator.pulleys is not None:

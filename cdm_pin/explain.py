@@ -11,6 +11,7 @@ from .effects import CATALOGUE, Candidate, at_known_place, twin_places
 from .events import Reporter
 from .everywhere import kinds_first, needed, rubs_everywhere
 from .geometry import Vector
+from .model import CableModel
 from .selection import Bank, Fit, ProgressCallback, Score, Search, all_candidates, family_wise, rms, tones
 from .whitening import Whitener
 
@@ -135,8 +136,7 @@ def _unpatched(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[S
     left = unnamed(alone, alone.renewed(bank), laws)
     if left is not None:
         fit = alone.fit(laws, alone.clear(laws))
-        on = np.abs(left.place.weights(search.problem.model)) > 1e-9
-        own = [j for j, c in enumerate(laws) if _meets(c, left) or (not c.place.A and any(on[list(c.place.index[:1])]))]
+        own = [j for j, c in enumerate(laws) if _shares_motor(c, left, search.problem.model)]
         worth = [laws[j].effect.error ** 2 * alone.score(alone.without(fit, j), laws[j]).statistic for j in own]
         if alone.score(fit, left).statistic > sum(worth):
             return search, accepted
@@ -342,6 +342,12 @@ def _meets(a: Candidate, b: Candidate) -> bool:
     return bool(len(x) and len(y) and x @ y > 1e-9)
 
 
+def _shares_motor(a: Candidate, patch: Candidate, model: CableModel) -> bool:
+    """Whether an effect acts along the coordinate of a correction without a name, or on its motor's cable."""
+    on_cable = not a.place.A and np.abs(patch.place.weights(model)[list(a.place.index[:1])]) > 1e-9
+    return _meets(a, patch) or bool(np.any(on_cable))
+
+
 def _worth(search: Search, clear: Fit, accepted: list[Candidate], rest: list[Candidate], patch: Candidate) -> bool:
     """Whether the named effects beside a patch explain what the patch alone does not."""
     both = search.fit([*accepted, patch], clear.whitener).deviance
@@ -381,12 +387,13 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector) -> bool:
         return True
     m = problem.model.n_motors
     torque = [np.tensordot(beta, columns, 1) for columns in search.columns(candidate)]
-    if push and np.all(np.max([np.abs(x[:m]).max(axis=1) for x in torque], axis=0) <= 0.5 * problem.torque_steps):
+    peak = np.max([np.abs(x[:m]).max(axis=1) for x in torque], axis=0)
+    if push and np.all(peak <= 0.5 * problem.sensors.torque_steps):
         return False
     own = rms(search, torque)
     if own[m:].any():
         return True
-    least = search.settings.torque_error * (problem.band.cutoff / max(problem.trusted, 1e-3)) ** 2
+    least = search.settings.torque_error * (problem.band.cutoff / max(problem.sensors.trusted, 1e-3)) ** 2
     return bool(np.any(own[:m] > least * search.loads[:m]))
 
 

@@ -120,6 +120,14 @@ class CableModel:
         return tuple(f"{stem}_{i + 1}" for i in range(self.n_joints) for stem in stems)
 
     @cached_property
+    def arm_scale(self) -> Vector:
+        """Angle of a link's cable per motor angle, r_m / r_j (1 without pulleys), shape (n_motors,)."""
+        pulleys = self.manipulator.pulleys
+        if pulleys is None:
+            return np.ones(self.n_motors)
+        return pulleys.motor_pulley_radius / pulleys.joint_pulley_radius
+
+    @cached_property
     def planar(self) -> bool:
         """Whether the robot is an arm of cables over pulleys whose joint axes are all parallel to the base's z."""
         if not self.manipulator.links:

@@ -93,14 +93,6 @@ class Motion:
         return np.linalg.norm(joint_wrenches(self.model, self.q, self.v, self.a)[..., :3], axis=-1)
 
     @cached_property
-    def arm_scale(self) -> Vector:
-        """Angle of a link's cable per motor angle, r_m / r_j (1 without pulleys), shape (n_motors,)."""
-        pulleys = self.model.manipulator.pulleys
-        if pulleys is None:
-            return np.ones(self.model.n_motors)
-        return pulleys.motor_pulley_radius / pulleys.joint_pulley_radius
-
-    @cached_property
     def driven_torque(self) -> Vector:
         """Torque that the motors' cables carry, E' (tau and what rubs at the joints), shape (n, n_motors) [N m]."""
         return self.tau_m if self.extra_joint is None else self.tau_m + self.extra_joint @ self.model.joint_from_motor
@@ -114,7 +106,7 @@ class Motion:
     @cached_property
     def cable_torque(self) -> Vector:
         """Torque that cable i puts on link i, shape (n, n_motors) [N m]."""
-        return self.driven_torque / self.arm_scale
+        return self.driven_torque / self.model.arm_scale
 
     def with_model(self, model: CableModel) -> Motion:
         """Give the same motion of a robot with other inertial parameters."""

@@ -14,14 +14,15 @@ import numpy as np
 from scipy.stats import norm
 
 from .accelerations import Acceleration, candidates, choose_accelerations, said, with_accelerations
+from .band import Band, make_band
 from .cables import cable_state
 from .completed import added_torque
 from .effects import CATALOGUE, Columns, speed_scale
 from .errors import RecordingError
 from .geometry import Vector
+from .measured import both_positions, motor_torques
 from .model import CableModel
 from .motion import Motion
-from .problem import Band, make_band
 from .recording import Recording
 from .regressor import blocks, motor_regressor
 from .sign_widths import choose_factors
@@ -98,14 +99,14 @@ def observe(plan: Plan, recording: Recording) -> Observation:
     signals = prepare(recording, plan.model)
     _check_units(signals, plan.model)
     band = make_band(signals.rate, plan.cutoff or choose_band(plan.model, signals))
-    q, q_m = _positions(plan.model, signals.logged)
+    q, q_m = both_positions(plan.model, signals.logged)
     sigma, sigma_m = _position_noise(plan.model, signals)
     motion = _motion(plan.model, signals, band.cutoff, q, q_m)
     still = (np.std(motion.q, axis=0) < STILL * sigma + 1e-9) | _rests(motion.q, plan.model.chain.prismatic)
     still_m = (np.std(motion.q_m, axis=0) < STILL * sigma_m + 1e-9) | _rests(motion.q_m, linear_motors(plan.model))
     valid = whole(signals.valid, 5 + int(4 * signals.rate / light_cutoff(signals, band.cutoff)))
     left_out = {"in gaps and at the ends": int((~valid).sum())} if not valid.all() else {}
-    torque = _torque(plan.model, signals.logged)
+    torque = motor_torques(plan.model, signals.logged)
     for reason, bad in _outside(motion, lowpass(torque, signals.rate, band.cutoff)).items():
         if (bad & valid).any():
             left_out[reason] = int((bad & valid).sum())
@@ -374,14 +375,6 @@ def _motion(model: CableModel, signals: Signals, cutoff: float, q: Vector, q_m: 
     )
 
 
-def _positions(model: CableModel, logged: Mapping[str, Vector]) -> tuple[Vector, Vector]:
-    """Joint and motor positions as logged; the side that was not logged follows by E."""
-    if "joint_position" in logged:
-        q = logged["joint_position"]
-        return q, logged.get("motor_position", model.motor_position(q))
-    return model.joint_position(logged["motor_position"]), logged["motor_position"]
-
-
 def _position_noise(model: CableModel, signals: Signals) -> tuple[Vector, Vector]:
     """Give the standard deviation of each joint's and each motor's position noise as logged.
 
@@ -418,10 +411,6 @@ def _held(motion: Motion, still: np.ndarray, still_m: np.ndarray) -> Motion:
             value[:, held] = np.mean(value[:, held], axis=0) if name in ("q", "q_m") else 0.0
             arrays[name] = value
     return replace(motion, **arrays)
-
-
-def _torque(model: CableModel, logged: Mapping[str, Vector]) -> Vector:
-    return logged["motor_torque"] if "motor_torque" in logged else model.motor_torque(logged["joint_torque"])
 
 
 def _part(motion: Motion, part: slice) -> Motion:

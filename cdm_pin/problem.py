@@ -2,84 +2,28 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.signal import firwin, kaiserord, upfirdn
 
+from .band import Band, make_band
 from .effects import Candidate, Columns, loaded
 from .geometry import Vector
 from .inertia_band import inertia_cutoff
+from .measured import both_positions, motor_torques
 from .model import CableModel
 from .motion import Motion
 from .recording import Recording
 from .regressor import motor_regressor
+from .sensor_noise import SensorNoise, inertia_limit, travel_noise
 from .signals import Signals, prepare
-from .signals_filters import differentiate, lowpass, noise_floor, quantisation_step
+from .signals_filters import differentiate, lowpass, noise_floor
 from .whitening import Lines, Segments
 
 MUCH = 4e8
 """Numbers that the whitened columns of all effects may take."""
-
-
-@dataclass(frozen=True)
-class Band:
-    """Zero-phase low-pass and decimation: the one filter of both sides of the equation.
-
-    Attributes
-    ----------
-    rate : float
-        Of what comes in [Hz].
-    cutoff : float
-        [Hz].
-    step : int
-        Every which sample is kept.
-    taps : ndarray, shape (2 half + 1,)
-        Symmetric kernel; half is a multiple of `step`.
-    """
-
-    rate: float
-    cutoff: float
-    step: int
-    taps: Vector
-
-    def reduce(self, x: Vector) -> Vector:
-        """Filter and decimate along the last axis, (..., n) -> (..., ceil(n / step)); `segments` cuts the ends."""
-        half = len(self.taps) // 2
-        y = upfirdn(self.taps, x, 1, self.step, axis=-1)
-        first = half // self.step
-        return y[..., first : first + -(-x.shape[-1] // self.step)]
-
-    def segments(self, valid: np.ndarray) -> list[tuple[int, int]]:
-        """Stretches of decimated samples whose whole kernel lies on valid samples."""
-        half = len(self.taps) // 2
-        bad = np.concatenate([[True], ~valid, [True]])
-        edges = np.flatnonzero(bad)
-        stretches = []
-        for left, right in itertools.pairwise(edges):
-            start = -(-(left + half) // self.step)  # valid samples are left .. right - 2
-            stop = (right - 2 - half) // self.step + 1
-            if stop - start > 8:
-                stretches.append((start, stop))
-        return stretches
-
-
-def make_band(rate: float, cutoff: float) -> Band:
-    """Design the common filter: flat to `cutoff`, decimated so that little lies above it."""
-    step = max(1, int(rate / (2.6 * cutoff)))
-    if step == 1 and cutoff >= 0.38 * rate:
-        return Band(rate, 0.5 * rate, 1, np.ones(1))
-    nyquist = 0.5 * rate / step
-    width = max(2 * (nyquist - cutoff), 0.3 * cutoff)
-    length, beta = kaiserord(50.0, min(width / (0.5 * rate), 0.99))
-    half = -(-(length // 2) // step) * step
-    corner = min(cutoff + 0.5 * width, 0.49 * rate)
-    ideal = firwin(2 * half + 1, corner, window="boxcar", fs=rate, scale=False)
-    taps = np.asarray(ideal, float) * np.kaiser(2 * half + 1, float(beta))
-    return Band(rate, cutoff, step, taps / taps.sum())
 
 
 @dataclass(frozen=True)
@@ -121,9 +65,8 @@ class Problem:
     band : Band
     torque, kinematic : bool
         Which channels there are.
-    stated : CableModel
-        With the inertial parameters of the file. Through them it is told how loud encoders are: those that are fitted
-        to noisy accelerations come out too small.
+    sensors : SensorNoise
+        What the sensors bring by themselves.
     """
 
     model: CableModel
@@ -131,7 +74,7 @@ class Problem:
     band: Band
     torque: bool
     kinematic: bool
-    stated: CableModel
+    sensors: SensorNoise
 
     @property
     def n_channels(self) -> int:
@@ -154,58 +97,19 @@ class Problem:
         """Per run the stretches without gaps."""
         return [self.band.segments(run.signals.valid) for run in self.runs]
 
-    @cached_property
+    @property
     def sensed(self) -> Vector:
-        """Noise in the band that the sensors alone bring, shape (n_channels,).
+        """Noise in the band that the sensors alone bring, shape (n_channels,)."""
+        parts = [self.sensors.torque] if self.torque else []
+        return np.concatenate([*parts, self.sensors.travel] if self.kinematic else parts)
 
-        Of torque: its own above the band, as if white, and that of positions through the inertia, as if white or from
-        rounding this motion, whichever is more; of travel: that of the encoders, as if they rounded down.
-        """
-        parts = []
-        for run in self.runs:
-            signals, rate = run.signals, run.signals.rate
-            share, own = np.sqrt(min(1.0, 2 * self.band.cutoff / rate)), []
-            if self.torque:
-                through = inertia_noise(self.stated, signals) * share * (2 * np.pi * self.band.cutoff) ** 2 / np.sqrt(5)
-                through = np.maximum(through, _rounded(self.stated, signals, self.band))
-                own.append(np.hypot(noise_floor(_torque(self.model, signals), rate, self.band.cutoff), through))
-            if self.kinematic:  # encoders may round down: half a step, at any frequency
-                own.append(_both_noise(signals, self.model) * run.motion.arm_scale * np.sqrt(3.0))
-            parts.append(np.concatenate(own))
-        return np.max(parts, axis=0)
-
-    @cached_property
+    @property
     def rounded(self) -> Vector:
         """Share of each motor's torque that steps of encoders bring through the inertia, shape (n_motors,)."""
-        made = [_rounded(self.stated, run.signals, self.band) for run in self.runs]
         m = self.model.n_motors
         parts = [x[0, :m, a:b] for x, own in zip(self.data, self.segments, strict=True) for a, b in own]
         size = np.sqrt(np.mean(np.concatenate(parts, axis=1) ** 2, axis=1)) if parts else np.ones(m)
-        return np.max(made, axis=0) / np.maximum(size, 1e-300)
-
-    @cached_property
-    def trusted(self) -> float:
-        """Frequency up to which torque is noisier than positions are through the inertia [Hz]; beyond, they are alike.
-
-        Columns with accelerations and the residual then share the noise of the encoders.
-        """
-        if not self.torque:
-            return self.band.cutoff
-        return min(self.band.cutoff, float(np.median([_limit(self.stated, run.signals) for run in self.runs])))
-
-    @cached_property
-    def torque_steps(self) -> Vector:
-        """Steps in which torque was logged, as the motors see them, shape (n_motors,) [N m]; zero where there are none.
-
-        What is logged may be wrong by half of one for as long as the torque hardly changes.
-        """
-        steps = np.zeros(self.model.n_motors)
-        for run in self.runs:
-            logged = run.signals.recording.channels
-            name = "motor_torque" if "motor_torque" in logged else "joint_torque"
-            own = np.array([quantisation_step(x) for x in logged[name].T]) if name in logged else np.zeros(1)
-            steps = np.maximum(steps, own if name == "motor_torque" else np.abs(self.model.joint_from_motor.T) @ own)
-        return steps
+        return self.sensors.rounding / np.maximum(size, 1e-300)
 
     @cached_property
     def data(self) -> list[Vector]:
@@ -291,7 +195,7 @@ def make_problem(model: CableModel, recordings: Sequence[Recording], band: Band 
     rate = min(s.rate for s in signals)
     if any(abs(s.rate - rate) > 1e-3 * rate for s in signals):
         signals = [prepare(recording, model, rate=rate) for recording in recordings]
-    torque = all(_has(s, "torque") for s in signals)
+    torque = all(_has_torque(s) for s in signals)
     kinematic = all("joint_position" in s.logged and "motor_position" in s.logged for s in signals)
     samples = sum(len(s.time) for s in signals) * (torque + kinematic) * model.n_motors
     chosen = band or make_band(rate, min(_cutoff(model, signals), _affordable(model.n_motors, samples, rate)))
@@ -299,7 +203,7 @@ def make_problem(model: CableModel, recordings: Sequence[Recording], band: Band 
     def made(band: Band) -> Problem:
         ready = [prepare(recording, model, rate=rate, cutoff=band.cutoff) for recording in recordings]
         runs = tuple(_run(model, s, band, torque, kinematic, i) for i, s in enumerate(ready))
-        return Problem(model, runs, band, torque, kinematic, model)
+        return Problem(model, runs, band, torque, kinematic, SensorNoise(model, tuple(ready), band))
 
     problem = made(chosen)
     if band is not None or not torque:
@@ -317,21 +221,8 @@ def _affordable(n_motors: int, samples: int, rate: float) -> float:
     return max(3.0, MUCH / (190 * n_motors**2) / samples * rate / 2.6)
 
 
-def _has(signals: Signals, what: str) -> bool:
-    return f"motor_{what}" in signals.logged or f"joint_{what}" in signals.logged
-
-
-def _positions(model: CableModel, signals: Signals) -> tuple[Vector, Vector]:
-    logged = signals.logged
-    if "joint_position" in logged:
-        q = logged["joint_position"]
-        return q, logged.get("motor_position", model.motor_position(q))
-    return model.joint_position(logged["motor_position"]), logged["motor_position"]
-
-
-def _torque(model: CableModel, signals: Signals) -> Vector:
-    logged = signals.logged
-    return logged["motor_torque"] if "motor_torque" in logged else model.motor_torque(logged["joint_torque"])
+def _has_torque(signals: Signals) -> bool:
+    return "motor_torque" in signals.logged or "joint_torque" in signals.logged
 
 
 def _cutoff(model: CableModel, signals: Sequence[Signals]) -> float:
@@ -341,58 +232,11 @@ def _cutoff(model: CableModel, signals: Sequence[Signals]) -> float:
     """
     limits = []
     for s in signals:
-        if not _has(s, "torque"):
+        if not _has_torque(s):
             limits.append(min(10.0, 0.2 * s.rate))
             continue
-        limits.append(np.clip(_limit(model, s), 3.0, min(20.0, 0.3 * s.rate)))
+        limits.append(np.clip(inertia_limit(model, s), 3.0, min(20.0, 0.3 * s.rate)))
     return float(np.median(limits))
-
-
-def _limit(model: CableModel, signals: Signals) -> float:
-    """Give the frequency [Hz] above which the noise of positions, through the inertia, exceeds that of torque."""
-    tau = noise_floor(_torque(model, signals), signals.rate)
-    ratio = np.median(tau / np.maximum(inertia_noise(model, signals), 1e-12))
-    return float(0.8 * np.sqrt(ratio) / (2 * np.pi))
-
-
-def inertia_noise(model: CableModel, signals: Signals) -> Vector:
-    """Noise of positions times the inertia that each motor feels, shape (n_motors,) [N m s^2]."""
-    q, _ = _positions(model, signals)
-    noise = np.maximum(noise_floor(q, signals.rate), 1e-9)
-    return np.abs(model.joint_from_motor.T @ _mass(model, q) * noise) @ (np.ptp(q, axis=0) > 1e-6)
-
-
-def _rounded(model: CableModel, signals: Signals, band: Band) -> Vector:
-    """Torque that rounding brings through accelerations and inertia, shape (n_motors,) [N m].
-
-    Slow motions are rounded alike for long: such errors are no white noise, and more of them lies in the band. They are
-    made once more by rounding the motion as far as it is known.
-    """
-    q, _ = _positions(model, signals)
-    smooth, logged = lowpass(q, signals.rate, band.cutoff), signals.recording.channels
-    measured = "joint_position" if "joint_position" in signals.logged else "motor_position"
-    if measured not in logged:
-        return np.zeros(model.n_motors)
-    x = smooth if measured == "joint_position" else model.motor_position(smooth)
-    steps = np.array([quantisation_step(column) for column in logged[measured].T])
-    own = np.where(steps > 0, steps, 1.0)
-    error = (np.round(x / own) * own - x) * (steps > 0)
-    if measured == "motor_position":
-        error = error @ model.joint_from_motor.T
-    error = lowpass(error, signals.rate, min(4.0 * band.cutoff, 0.45 * signals.rate))
-    a = differentiate(differentiate(error, signals.rate), signals.rate)
-    torque = band.reduce((a @ _mass(model, q) @ model.joint_from_motor).T)
-    inside = [torque[:, start:stop] for start, stop in band.segments(signals.valid)]
-    return np.sqrt(np.mean(np.concatenate(inside, axis=1) ** 2, axis=1)) if inside else np.zeros(model.n_motors)
-
-
-def _mass(model: CableModel, q: Vector) -> Vector:
-    from .dynamics import inverse_dynamics
-
-    pose = np.repeat(np.median(q, axis=0)[None], model.n_joints + 1, axis=0)
-    a = np.vstack([np.zeros(model.n_joints), np.eye(model.n_joints)])
-    tau = inverse_dynamics(model, pose, np.zeros_like(pose), a)
-    return (tau[1:] - tau[0]).T
 
 
 def _parted(travel: Vector, band: Band, signals: Signals, model: CableModel, limit: float = 5.0) -> bool:
@@ -402,20 +246,14 @@ def _parted(travel: Vector, band: Band, signals: Signals, model: CableModel, lim
         return False
     moved = np.concatenate([band.reduce(travel.T)[:, a:b] for a, b in inside], axis=1)
     share = min(1.0, 2 * band.cutoff / signals.rate)
-    return bool(np.any(np.std(moved, axis=1) > limit * np.sqrt(share) * _both_noise(signals, model)))
+    return bool(np.any(np.std(moved, axis=1) > limit * np.sqrt(share) * travel_noise(model, signals)))
 
 
 def _dithered(travel: Vector, signals: Signals, model: CableModel, least: float = 1e-3) -> Vector:
     """Give encoders on both sides that agree to the last digit the noise that they must have: they say no more."""
-    noise = _both_noise(signals, model)
+    noise = travel_noise(model, signals)
     alike = np.std(travel, axis=0) < least * noise
     return travel + alike * noise * np.random.default_rng(0).standard_normal(travel.shape)
-
-
-def _both_noise(signals: Signals, model: CableModel) -> Vector:
-    """Noise of the travel from that of the encoders on both sides, shape (n_motors,) [rad]."""
-    own, other = signals.noise["motor_position"], signals.noise["joint_position"]
-    return np.sqrt(own**2 + model.motor_from_joint**2 @ other**2)
 
 
 def _sharp(model: CableModel, signals: Signals, q: Vector, share: float = 0.01) -> float:
@@ -432,7 +270,7 @@ def _sharp(model: CableModel, signals: Signals, q: Vector, share: float = 0.01) 
 
 def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinematic: bool, index: int) -> Run:
     rate, light = signals.rate, min(4.0 * band.cutoff, 0.45 * signals.rate)
-    q_raw, q_m_raw = _positions(model, signals)
+    q_raw, q_m_raw = both_positions(model, signals.logged)
     sharp = max(light, _sharp(model, signals, q_raw))
     travel = q_m_raw - model.motor_position(q_raw)
     if kinematic and not _parted(travel, band, signals, model):
@@ -459,11 +297,11 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
         pretension=signals.recording.pretension or model.manipulator.pretension,
         index=index,
     )
-    channels = [_torque(model, signals)] if torque else []
+    channels = [motor_torques(model, signals.logged)] if torque else []
     if torque and model.manipulator.effects:
         from .completed import added_torque
 
         channels[0] = channels[0] - added_torque(motion)
     if kinematic:
-        channels.append(_dithered(travel, signals, model) * motion.arm_scale)
+        channels.append(_dithered(travel, signals, model) * model.arm_scale)
     return Run(signals, motion, np.concatenate(channels, axis=1).T)

@@ -10,8 +10,8 @@ from .consistency import consistent_standard
 from .dynamics import mass_matrix
 from .errors import CdmError
 from .geometry import Manipulator
+from .measured import motor_torques
 from .model import CableModel, build_model
-from .problem import _torque
 from .replay import MOST, Replay
 from .replay import replay as run_again
 from .selection import Fit, Search, updated_model
@@ -56,7 +56,7 @@ def replay_runs(
             plain,
             whole,
             run.motion,
-            _torque(plain, run.signals),
+            motor_torques(plain, run.signals.logged),
             run.signals.valid,
             horizon=horizon,
             most=most,

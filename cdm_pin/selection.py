@@ -296,6 +296,11 @@ class Search:
         """Number of columns of the rigid body, its payload and drifts."""
         return len(self.rigid[0])
 
+    @property
+    def n_bodies(self) -> int:
+        """Number of columns of the rigid body and its payload."""
+        return self.n_rigid - (len(self.drift[0]) if self.drift else 0)
+
     def with_drift(self) -> Search:
         """Give the same search with the slow shapes of sensors' zeros beside the rigid body, where the data show them.
 
@@ -322,7 +327,7 @@ class Search:
         """Whether the drift in a fit is so much larger than what is left that it is no drift of a sensor."""
         if self.drift is None:
             return False
-        own = fit.base[self.n_rigid - len(self.drift[0]) : self.n_rigid]
+        own = fit.base[self.n_bodies : self.n_rigid]
         drift = [np.tensordot(own, columns, 1) for columns in self.drift]
         rest = self.still(errors(self, fit.base, fit.effects, fit.beta))
         return bool(np.any(rms(self, drift) > LOUD * rms(self, rest)))
@@ -541,7 +546,7 @@ class Search:
         if not self.problem.torque:
             return [np.zeros((0, *rigid.shape[1:])) for rigid in self.rigid]
         out = []
-        bodies = [rigid[: self.n_rigid - (len(self.drift[0]) if self.drift else 0)] for rigid in self.rigid]
+        bodies = [rigid[: self.n_bodies] for rigid in self.rigid]
         there = np.any([rigid.any(axis=2) for rigid in bodies], axis=0)
         for rigid in bodies:
             parts = []

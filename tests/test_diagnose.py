@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
+from cdm_pin.band import make_band
 from cdm_pin.cli import main
 from cdm_pin.diagnose import diagnose, distinct
 from cdm_pin.model import load_model
 from cdm_pin.plant.draw import draw
-from cdm_pin.problem import make_band
 from cdm_pin.recording import Recording, load_recording
 
 KEYS = {

@@ -25,7 +25,7 @@ def elastic():
     motion = make_motion(model)
     stretch = np.column_stack([np.zeros(motion.n), motion.cable_torque[:, 1] / 150.0])
     tau_m = motor_torques(model, motion.q, motion.v, motion.a) + added_torque(motion)
-    channels = {"motor_position": motion.q_m + stretch / motion.arm_scale, "motor_torque": tau_m}
+    channels = {"motor_position": motion.q_m + stretch / motion.model.arm_scale, "motor_torque": tau_m}
     return model, motion, Recording(motion.time, channels)
 
 

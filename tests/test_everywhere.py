@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cdm_pin.band import make_band
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.completed import added_torque
 from cdm_pin.diagnose import _records
@@ -15,7 +16,7 @@ from cdm_pin.dynamics import motor_torques
 from cdm_pin.effects import CATALOGUE, Candidate
 from cdm_pin.everywhere import confirmed, kinds_first, rubs_everywhere
 from cdm_pin.model import load_model
-from cdm_pin.problem import make_band, make_problem
+from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording
 from cdm_pin.selection import Search, Settings
 

@@ -1,0 +1,68 @@
+"""The one filter of both sides of the equation: a zero-phase low-pass and decimation."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import firwin, kaiserord, upfirdn
+
+from .geometry import Vector
+
+
+@dataclass(frozen=True)
+class Band:
+    """Zero-phase low-pass and decimation.
+
+    Attributes
+    ----------
+    rate : float
+        Of what comes in [Hz].
+    cutoff : float
+        [Hz].
+    step : int
+        Every which sample is kept.
+    taps : ndarray, shape (2 half + 1,)
+        Symmetric kernel; half is a multiple of `step`.
+    """
+
+    rate: float
+    cutoff: float
+    step: int
+    taps: Vector
+
+    def reduce(self, x: Vector) -> Vector:
+        """Filter and decimate along the last axis, (..., n) -> (..., ceil(n / step)); `segments` cuts the ends."""
+        half = len(self.taps) // 2
+        y = upfirdn(self.taps, x, 1, self.step, axis=-1)
+        first = half // self.step
+        return y[..., first : first + -(-x.shape[-1] // self.step)]
+
+    def segments(self, valid: np.ndarray) -> list[tuple[int, int]]:
+        """Stretches of decimated samples whose whole kernel lies on valid samples."""
+        half = len(self.taps) // 2
+        bad = np.concatenate([[True], ~valid, [True]])
+        edges = np.flatnonzero(bad)
+        stretches = []
+        for left, right in itertools.pairwise(edges):
+            start = -(-(left + half) // self.step)  # valid samples are left .. right - 2
+            stop = (right - 2 - half) // self.step + 1
+            if stop - start > 8:
+                stretches.append((start, stop))
+        return stretches
+
+
+def make_band(rate: float, cutoff: float) -> Band:
+    """Design the common filter: flat to `cutoff`, decimated so that little lies above it."""
+    step = max(1, int(rate / (2.6 * cutoff)))
+    if step == 1 and cutoff >= 0.38 * rate:
+        return Band(rate, 0.5 * rate, 1, np.ones(1))
+    nyquist = 0.5 * rate / step
+    width = max(2 * (nyquist - cutoff), 0.3 * cutoff)
+    length, beta = kaiserord(50.0, min(width / (0.5 * rate), 0.99))
+    half = -(-(length // 2) // step) * step
+    corner = min(cutoff + 0.5 * width, 0.49 * rate)
+    ideal = firwin(2 * half + 1, corner, window="boxcar", fs=rate, scale=False)
+    taps = np.asarray(ideal, float) * np.kaiser(2 * half + 1, float(beta))
+    return Band(rate, cutoff, step, taps / taps.sum())

@@ -1,0 +1,139 @@
+"""What sensors bring by themselves: noise and steps of torque, and of positions through accelerations and inertia."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .band import Band
+from .dynamics import inverse_dynamics
+from .geometry import Vector
+from .measured import both_positions, motor_torques
+from .model import CableModel
+from .signals import Signals
+from .signals_filters import differentiate, lowpass, noise_floor, quantisation_step
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Noise that the sensors of some recordings bring into a band.
+
+    Attributes
+    ----------
+    model : CableModel
+        With the inertial parameters of the file: those that are fitted to noisy accelerations come out too small.
+    signals : tuple of Signals
+        One per recording.
+    band : Band
+    """
+
+    model: CableModel
+    signals: tuple[Signals, ...]
+    band: Band
+
+    @cached_property
+    def torque(self) -> Vector:
+        """Of torque, its own above the band, as if white, and that of positions, shape (n_motors,) [N m].
+
+        That of positions goes through the inertia; as if white or from rounding this motion, whichever is more.
+        """
+        parts = []
+        for signals, rounding in zip(self.signals, self._roundings, strict=True):
+            share = np.sqrt(min(1.0, 2 * self.band.cutoff / signals.rate))
+            white = inertia_noise(self.model, signals) * share * (2 * np.pi * self.band.cutoff) ** 2 / np.sqrt(5)
+            own = noise_floor(motor_torques(self.model, signals.logged), signals.rate, self.band.cutoff)
+            parts.append(np.hypot(own, np.maximum(white, rounding)))
+        return np.max(parts, axis=0)
+
+    @cached_property
+    def travel(self) -> Vector:
+        """Of the travel between the encoders of both sides, as if they rounded down, shape (n_motors,) [rad].
+
+        An encoder that rounds down is wrong by half a step, at any frequency.
+        """
+        return np.max([travel_noise(self.model, s) for s in self.signals], axis=0) * self.model.arm_scale * np.sqrt(3.0)
+
+    @property
+    def rounding(self) -> Vector:
+        """Torque that steps of encoders bring through the inertia, shape (n_motors,) [N m]."""
+        return np.max(self._roundings, axis=0)
+
+    @cached_property
+    def _roundings(self) -> list[Vector]:
+        return [_rounding(self.model, signals, self.band) for signals in self.signals]
+
+    @cached_property
+    def trusted(self) -> float:
+        """Frequency up to which torque is noisier than positions are through the inertia [Hz]; beyond, they are alike.
+
+        Columns with accelerations and the residual then share the noise of the encoders.
+        """
+        return min(self.band.cutoff, float(np.median([inertia_limit(self.model, s) for s in self.signals])))
+
+    @cached_property
+    def torque_steps(self) -> Vector:
+        """Steps in which torque was logged, as the motors see them, shape (n_motors,) [N m]; zero where there are none.
+
+        What is logged may be wrong by half of one for as long as the torque hardly changes.
+        """
+        steps = np.zeros(self.model.n_motors)
+        for signals in self.signals:
+            logged = signals.recording.channels
+            name = "motor_torque" if "motor_torque" in logged else "joint_torque"
+            own = np.array([quantisation_step(x) for x in logged[name].T]) if name in logged else np.zeros(1)
+            steps = np.maximum(steps, own if name == "motor_torque" else np.abs(self.model.joint_from_motor.T) @ own)
+        return steps
+
+
+def inertia_limit(model: CableModel, signals: Signals) -> float:
+    """Give the frequency [Hz] above which the noise of positions, through the inertia, exceeds that of torque."""
+    tau = noise_floor(motor_torques(model, signals.logged), signals.rate)
+    ratio = np.median(tau / np.maximum(inertia_noise(model, signals), 1e-12))
+    return float(0.8 * np.sqrt(ratio) / (2 * np.pi))
+
+
+def inertia_noise(model: CableModel, signals: Signals) -> Vector:
+    """Noise of positions times the inertia that each motor feels, shape (n_motors,) [N m s^2]."""
+    q, _ = both_positions(model, signals.logged)
+    noise = np.maximum(noise_floor(q, signals.rate), 1e-9)
+    return np.abs(model.joint_from_motor.T @ _mass(model, q) * noise) @ (np.ptp(q, axis=0) > 1e-6)
+
+
+def travel_noise(model: CableModel, signals: Signals) -> Vector:
+    """Noise of the travel from that of the encoders on both sides, shape (n_motors,) [rad]."""
+    own, other = signals.noise["motor_position"], signals.noise["joint_position"]
+    return np.sqrt(own**2 + model.motor_from_joint**2 @ other**2)
+
+
+def _rounding(model: CableModel, signals: Signals, band: Band) -> Vector:
+    """Torque that rounding brings through accelerations and inertia, shape (n_motors,) [N m].
+
+    Slow motions are rounded alike for long: such errors are no white noise, and more of them lies in the band. They are
+    made once more by rounding the motion as far as it is known.
+    """
+    q, _ = both_positions(model, signals.logged)
+    smooth, logged = lowpass(q, signals.rate, band.cutoff), signals.recording.channels
+    measured = "joint_position" if "joint_position" in signals.logged else "motor_position"
+    if measured not in logged:
+        return np.zeros(model.n_motors)
+    x = smooth if measured == "joint_position" else model.motor_position(smooth)
+    steps = np.array([quantisation_step(column) for column in logged[measured].T])
+    own = np.where(steps > 0, steps, 1.0)
+    error = (np.round(x / own) * own - x) * (steps > 0)
+    if measured == "motor_position":
+        error = error @ model.joint_from_motor.T
+    error = lowpass(error, signals.rate, min(4.0 * band.cutoff, 0.45 * signals.rate))
+    a = differentiate(differentiate(error, signals.rate), signals.rate)
+    torque = band.reduce((a @ _mass(model, q) @ model.joint_from_motor).T)
+    inside = [torque[:, start:stop] for start, stop in band.segments(signals.valid)]
+    return np.sqrt(np.mean(np.concatenate(inside, axis=1) ** 2, axis=1)) if inside else np.zeros(model.n_motors)
+
+
+def _mass(model: CableModel, q: Vector) -> Vector:
+    """Mass matrix at the median of the positions, shape (n_joints, n_joints) [kg m^2]."""
+    pose = np.repeat(np.median(q, axis=0)[None], model.n_joints + 1, axis=0)
+    a = np.vstack([np.zeros(model.n_joints), np.eye(model.n_joints)])
+    tau = inverse_dynamics(model, pose, np.zeros_like(pose), a)
+    return (tau[1:] - tau[0]).T
