@@ -260,19 +260,22 @@ def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
 
     Where it is right, the whitened sum of squares falls by that of what it changes there; a tenth is asked for. The
     plain error, drifts aside, must not rise either, unless masses that the training could not tell make most of it.
+    Where nearly all of the plain error goes, no more is asked: slow noise could hide a constant from the likelihood.
     """
     found, fit = explanation.found[j], explanation.fit
     if fit.effects[j].effect.name in ONCE:
         return True
     without = explanation.search.without(fit, j)
-    change = [a - b for a, b in zip(_stacked(judge, fit), _stacked(judge, without), strict=True)]
-    due = _updated(judge, without, change)[0]
-    if _unseen(judge, without) - _unseen(judge, fit) < max(3.0 * found.candidate.named, 0.1 * due):
-        return False
     level = np.maximum(noise_floor(judge, fit.effects), 1e-12)
     with_it, without_it = (
         _weighted(judge, judge.still(errors(judge, f.base, f.effects, f.beta)), level) for f in (fit, without)
     )
+    if with_it < 0.1 * without_it:
+        return True
+    change = [a - b for a, b in zip(_stacked(judge, fit), _stacked(judge, without), strict=True)]
+    due = _updated(judge, without, change)[0]
+    if _unseen(judge, without) - _unseen(judge, fit) < max(3.0 * found.candidate.named, 0.1 * due):
+        return False
     return with_it < 1.01 * without_it or with_it > 9.0 * len(level)
 
 

@@ -247,6 +247,24 @@ def axis_places(model: CableModel) -> list[Place]:
     return joint_places(model) + motor_places(model)
 
 
+def bearing_places(model: CableModel) -> list[Place]:
+    """Every joint and every motor, told apart where they turn alike but carry different torques.
+
+    Motor 1 of the paper's arm turns with joint 1, but the cables of the others hang on that joint as well.
+    """
+    alone = np.count_nonzero(np.abs(model.joint_from_motor) > 1e-12, axis=0) == 1
+
+    def is_same(alias: dict[str, Any]) -> bool:
+        return alias["kind"] != "motor" or bool(alone[alias["index"] - 1])
+
+    joints = [
+        replace(place, aliases=tuple(alias for alias in place.aliases if is_same(alias)))
+        for place in joint_places(model)
+    ]
+    taken = {place.location["index"] for place in motor_places(model)} | set(np.flatnonzero(~alone) + 1)
+    return joints + [place for place in all_motor_places(model) if place.location["index"] in taken]
+
+
 def rub_places(model: CableModel) -> list[Place]:
     """Everywhere parts slide on each other along one coordinate: joints, motors, cables on guides."""
     return axis_places(model) + guide_places(model)
@@ -978,7 +996,7 @@ CATALOGUE: dict[str, Effect] = {
         Effect(
             "torque_dependent_friction",
             (Parameter("coefficient", "1", 0.0),),
-            axis_places,
+            bearing_places,
             _torque,
             _named("coefficient"),
             _width_grid,
