@@ -12,26 +12,24 @@ import numpy as np
 from . import findings as fi
 from .base import base_parameters, massive_columns
 from .consistency import nearest_standard
-from .effects import STOPS, Candidate, Place, axis_places
+from .effects import STOPS, Candidate
 from .everywhere import agreements, confirmed
-from .explain import Explanation, Found, explain, explained, is_loud, patch, unnamed
+from .explain import Explanation, Found, explain, explained, is_loud, patch
 from .geometry import Manipulator, Vector, frozen_array
 from .model import CableModel
 from .next_experiment import Experiment, plan_next
 from .problem import Problem, make_problem
 from .recording import Recording
-from .regions import change_time, region
+from .regions import region
 from .replay import Replay, simulated_position
 from .replay_runs import replay_runs
 from .selection import Fit, ProgressCallback, Search, Settings, errors, rms
-from .spectra import wandering
+from .unexplained import at_corrections, beyond_floor, nameless, noise_floor, swinging_torque, wandering_torque
 
 BLURRED = 0.25
 """Share of the torque that steps of encoders may make through accelerations."""
 ONCE = ("external_torque", "unnamed_time", "unnamed_wear", "unnamed_stiffening", "unnamed_gain_drift", "unnamed_tone")
 """What happens at a time of its own: another recording cannot judge it."""
-WANDERING = 300.0
-"""Slow power over quick power that no noise of a torque's measurement has; a drift that is no fault stays below 30."""
 AGREEMENT = 0.3
 """Of many effects, what the unseen recordings make of one alone has to be like it by so much for it to be listed."""
 SCHEMA = "cdm_pin.diagnosis/1"
@@ -310,15 +308,6 @@ def _stacked(judge: Search, fit: Fit) -> list[Vector]:
     return [e[None] for e in errors(judge, fit.base, fit.effects, fit.beta)]
 
 
-def noise_floor(search: Search, effects: Sequence[Candidate] = ()) -> Vector:
-    """Estimate each channel's noise in the band without a law, shape (n_channels,).
-
-    It is what smooth functions of position, speed, direction and time leave over beside the rigid body and what was
-    found, less what these functions take of the noise.
-    """
-    return search.left_over(effects)[1].rms
-
-
 def _fit_content(search: Search, rigid: Fit, fit: Fit, judged: Search) -> dict[str, Any]:
     m = search.problem.model.n_motors
     return {
@@ -351,20 +340,22 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
         found = explanation.found
         stated = {j: v for j, v in stated.items() if not fi.is_outdone(found[j]) and found[j].agreement >= AGREEMENT}
     if patches:
-        unexplained = _unexplained(explanation, patches)
+        unexplained = at_corrections(explanation, patches)
     else:
-        unexplained, excess = _beyond_floor(search, judge, explanation)
+        unexplained, excess = beyond_floor(search, judge, explanation)
         if unexplained is not None and not explanation.everywhere:
             motor = unexplained["location"]["index"]
             sure = [j for j in stated if fi.outweighs(model, explanation.found[j], motor, excess)]
             stated = {j: stated[j] for j in sure}
         if explanation.everywhere:
-            unexplained = _nameless(explanation) or unexplained
-        unexplained = unexplained or _wandering(search, fit)
+            unexplained = nameless(explanation) or unexplained
+        unexplained = unexplained or wandering_torque(search, fit)
         if disputed and unexplained is None:
-            unexplained = _nameless(explanation, only_loud=True)
+            unexplained = nameless(explanation, only_loud=True)
             if unexplained is not None:  # nor can what happens once be confirmed then
                 stated = {j: v for j, v in stated.items() if explanation.found[j].candidate.effect.name not in ONCE}
+    if unexplained is None and not stated:
+        unexplained = swinging_torque(search)
     items = [_finding(search, judge, explanation, j, values) for j, values in stated.items()]
     written = fitted if explanation.everywhere else stated  # also those whose names are not sure
     records = [
@@ -472,117 +463,6 @@ def _records(candidate: Candidate, values: dict[str, Any], beta: Vector) -> list
     if candidate.effect.nuisance_shape:
         parameters["width"] = round(float(candidate.shape[0]), 10)
     return [{"effect": candidate.effect.name, "location": place, "parameters": parameters}]
-
-
-def _unexplained(explanation: Explanation, patches: Sequence[Found]) -> dict[str, Any]:
-    search = explanation.search
-    main = max(patches, key=lambda f: f.score.statistic)
-    j = explanation.found.index(main)
-    columns = search.columns(main.candidate)
-    torque = [np.tensordot(explanation.fit.beta[j], c, 1) for c in columns]
-    size = float(np.sqrt(np.sum(rms(search, torque) ** 2)))
-    place = main.candidate.location
-    words = f"{place['kind']} {place['index']}"
-    nearest = [{"effect": r.effect.name, "location": r.location} for r, _ in main.rivals if r.named][:3]
-    time = change_time(main.candidate, explanation.fit.beta[j], search.problem.motions[0])
-    return _something(
-        place["kind"], place["index"], main.candidate.effect.revealed_by.format(place=words), size, time, nearest
-    )
-
-
-def _something(
-    kind: str,
-    index: int | Sequence[int],
-    region: str,
-    size: float,
-    time: list[float] | None = None,
-    nearest: Sequence[dict[str, Any]] = (),
-) -> dict[str, Any]:
-    """Say where something is that has no name, as the diagnosis format does; `size` is a root mean square."""
-    return {
-        "location": {"kind": kind, "index": index},
-        "time": time,
-        "region": region,
-        "rms": size,
-        "nearest": list(nearest),
-    }
-
-
-def _nameless(explanation: Explanation, only_loud: bool = False) -> dict[str, Any] | None:
-    """Describe what is left beside the findings by the correction that explains most of it."""
-    search, effects = explanation.search, [f.candidate for f in explanation.found]
-    patch = unnamed(search, explanation.bank, effects)
-    if patch is None:
-        return None
-    found = Found(patch, search.score(explanation.fit, patch), 0.0, 0.0)
-    if only_loud and not is_loud(found.score):
-        return None
-    fit = search.fit([*effects, patch], explanation.fit.whitener)
-    return _unexplained(replace(explanation, found=(*explanation.found, found), fit=fit), [found])
-
-
-def _beyond_floor(
-    search: Search, judge: Search | None, explanation: Explanation
-) -> tuple[dict[str, Any] | None, float]:
-    """Say where a residual is left that no correction describes either; None where it is near the floor.
-
-    The second value is how large it is, as a sum of squares in units of the noise. Corrections without a name see
-    torques only, so where there is travel alone less may be left without a word.
-    """
-    limit = 2.0 if search.problem.torque else 1.5
-    fit, both = explanation.fit, [search] if judge is None else [search, judge]
-    rests = [there.left_over(fit.effects, smooth=False)[1].rms for there in both]
-    sensed = np.max([there.problem.sensed for there in both], axis=0)
-    floors = [np.hypot(np.maximum(noise_floor(there, fit.effects), sensed), _accuracy(there, fit)) for there in both]
-    ratios = np.divide(rests, floors)
-    rest, ratio = rests[0], np.maximum(np.min(ratios, axis=0), 0.5 * ratios[-1] * (judge is not None))
-    worst = int(np.argmax(ratio))
-    if not search.problem.segments or ratio[worst] < limit or not search.follows_state(fit):
-        return None, 0.0
-    motor = worst % search.problem.model.n_motors + 1
-    words = f"the error of motor {motor} is {ratio[worst]:.1f} times its noise, in no shape that was tried"
-    samples = fit.n_rows / search.problem.n_channels
-    return _something("motor", motor, words, float(rest[worst])), float(ratio[worst] ** 2 - 1) * samples
-
-
-def _accuracy(search: Search, fit: Fit) -> Vector:
-    """Say by how much the laws of a fit may be wrong, shape (n_channels,)."""
-    total = np.zeros(search.problem.n_channels)
-    for candidate, beta in zip(fit.effects, fit.beta, strict=True):
-        own = [np.tensordot(beta, columns, 1) for columns in search.columns(candidate)]
-        total += (candidate.effect.error * rms(search, own)) ** 2
-    return np.sqrt(total)
-
-
-def _wandering(search: Search, fit: Fit) -> dict[str, Any] | None:
-    """Say where a torque wanders slowly with time, in no repeatable way; None where it does not.
-
-    Its place is that joint or motor along whose coordinate the slow part of the residual lies.
-    """
-    problem, model = search.problem, search.problem.model
-    rest, noise = search.left_over(fit.effects, smooth=False)
-    m = model.n_motors
-    if not problem.torque or not problem.segments or np.max(wandering(noise)[:m]) < WANDERING:
-        return None
-    width = max(3, int(0.25 / max(float(noise.centres[0]), 1e-3)))
-    slow = []
-    for e, run in zip(rest, problem.segments, strict=True):
-        for a, b in run:
-            if b - a > 2 * width:
-                x = e[:m, a:b] - e[:m, a:b].mean(axis=1, keepdims=True)
-                slow.append(np.array([np.convolve(row, np.ones(width) / width, mode="valid") for row in x]))
-    if not slow:
-        return None
-    both = np.concatenate(slow, axis=1)
-    direction = np.linalg.svd(both, full_matrices=False)[0][:, 0]
-
-    def along(place: Place) -> float:
-        w = place.weights(model)
-        return abs(float(w @ direction)) / float(np.linalg.norm(w))
-
-    place = max(axis_places(model), key=along).location
-    words = f"torque on {place['kind']} {place['index']} that wanders slowly with time"
-    return _something(place["kind"], place["index"], words, float(np.sqrt(np.mean(np.sum(both**2, axis=0)))))
 
 
 def changed_parameters(model: CableModel, search: Search, explanation: Explanation) -> list[dict[str, Any]]:

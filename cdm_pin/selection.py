@@ -19,7 +19,7 @@ from .geometry import Vector
 from .model import CableModel
 from .patches import PATCHES, TONE
 from .problem import Problem
-from .spectra import Spectrum, spectrum, stands_out, whitener_of
+from .spectra import Spectrum, spectrum, stands_out, tone_peaks, whitener_of
 from .whitening import Lines, Segments, Whitener, fit_whitener, log_p, quiet_segments
 
 _TORQUE_BOUND = frozenset(name for name, effect in CATALOGUE.items() if effect.follows or effect.weighs)
@@ -953,35 +953,13 @@ def tones(search: Search, most: int = 3, least: float = 60.0) -> list[Candidate]
         n = stop - start
         if n < 256:
             continue
-        frequency = np.fft.rfftfreq(2 * n, 1 / rate)
         for x in e[:, start:stop]:
-            power = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(n), 2 * n)) ** 2
-            local = np.array([np.median(power[max(0, k - 60) : k + 61]) for k in range(0, len(power), 20)])
-            ratio = power / np.maximum(np.repeat(local, 20)[: len(power)], 1e-300)
-            ratio[frequency < 0.3] = 0.0
-            ratio[frequency > 0.9 * problem.band.cutoff] = 0.0
-            for _ in range(most):
-                k = int(np.argmax(ratio))
-                if ratio[k] < least:
-                    break
-                peaks[_exact_tone(x - x.mean(), rate, float(frequency[k]), 0.5 * rate / n)] = float(ratio[k])
-                ratio[max(0, k - 6) : k + 7] = 0.0
+            peaks |= tone_peaks(x, rate, 0.3, 0.9 * problem.band.cutoff, most, least)
     best: list[float] = []
     for f in sorted(peaks, key=lambda f: -peaks[f]):
         if len(best) < most and all(abs(f - other) > 0.02 for other in best):
             best.append(f)
     return [Candidate(TONE, place, (f,)) for f in best for place in TONE.places(problem.model)]
-
-
-def _exact_tone(x: Vector, rate: float, frequency: float, reach: float) -> float:
-    t, window = np.arange(len(x)) / rate, np.hanning(len(x))
-    power = minimize_scalar(
-        lambda f: -abs(np.sum(window * x * np.exp(-2j * np.pi * f * t))),
-        bounds=(frequency - reach, frequency + reach),
-        method="bounded",
-        options={"xatol": 1e-5},
-    )
-    return float(power.x)
 
 
 def updated_model(model: CableModel, base: BaseParameters, change: Vector) -> CableModel:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
+from scipy.optimize import minimize_scalar
 from scipy.stats import f as f_distribution
 
 from .geometry import Vector
@@ -171,3 +172,43 @@ def whitener_of(
     whole = np.sqrt(np.mean(pooled**2))
     scale = np.array([np.sqrt(np.mean(w**2)) / whole if w.size else 1.0 for w in white])
     return Whitener(coefficients, mix, np.maximum(scale, 1e-3))
+
+
+def tone_peaks(x: Vector, rate: float, low: float, high: float, most: int, least: float) -> dict[float, float]:
+    """Find lines in a spectrum: their frequencies [Hz], and their power over the median around them.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+    rate, low, high : float
+        Of sampling, and the range that is searched [Hz].
+    most : int
+        Lines at most.
+    least : float
+        Power over the median around, at least.
+    """
+    x, n = x - x.mean(), len(x)
+    frequency = np.fft.rfftfreq(2 * n, 1 / rate)
+    power = np.abs(np.fft.rfft(x * np.hanning(n), 2 * n)) ** 2
+    local = np.array([np.median(power[max(0, k - 60) : k + 61]) for k in range(0, len(power), 20)])
+    ratio = power / np.maximum(np.repeat(local, 20)[: len(power)], 1e-300)
+    ratio[(frequency < low) | (frequency > high)] = 0.0
+    peaks = {}
+    for _ in range(most):
+        k = int(np.argmax(ratio))
+        if ratio[k] < least:
+            break
+        peaks[_exact_tone(x, rate, float(frequency[k]), 0.5 * rate / n)] = float(ratio[k])
+        ratio[max(0, k - 6) : k + 7] = 0.0
+    return peaks
+
+
+def _exact_tone(x: Vector, rate: float, frequency: float, reach: float) -> float:
+    t, window = np.arange(len(x)) / rate, np.hanning(len(x))
+    power = minimize_scalar(
+        lambda f: -abs(np.sum(window * x * np.exp(-2j * np.pi * f * t))),
+        bounds=(frequency - reach, frequency + reach),
+        method="bounded",
+        options={"xatol": 1e-5},
+    )
+    return float(np.asarray(power.x))

@@ -105,6 +105,21 @@ def test_unknown_physics_gets_no_name(tmp_path):
     assert place["index"] == joint or place["kind"] != "joint"
 
 
+def test_a_line_above_the_band_is_said_and_placed(tmp_path):
+    """Beside a clean recording a torque on joint 2 at 6.3 Hz, above the band, is `unexplained` there, not `consistent`."""
+    model, runs, unseen, _, _ = blind(tmp_path, 11, 0, positions="joint", bits=14, noise="white")
+    swung = []
+    for run in (*runs, *unseen):
+        swing = 0.3 * np.sin(2 * np.pi * 6.3 * run.time)[:, None] * model.joint_from_motor[1]
+        torque = {"motor_torque": run.channels["motor_torque"] + swing}
+        swung.append(Recording(run.time, run.channels | torque, label=run.label))
+    content = diagnose(model, swung[:-1], swung[-1:]).content
+    assert content["data"]["band"][1] < 6.0
+    assert content["verdict"] == "unexplained"
+    assert content["unexplained"]["location"] == {"kind": "joint", "index": 2}
+    assert "6.3 Hz" in content["unexplained"]["region"]
+
+
 def test_little_data_is_not_bad_input(dry):
     """Half a second, or a robot at rest, is answered with `insufficient_data`."""
     model, runs, _, _, _ = dry

@@ -227,3 +227,15 @@ def test_wrong_effects_are_refused(arm, record, words):
     """A misspelt effect or parameter is an error that names the nearest known one."""
     with pytest.raises(ManipulatorError, match=words):
         effect_candidates(build_model(with_effects(arm.manipulator, (record,))))
+
+
+def test_bearings_that_turn_alike_but_carry_different_torques_are_two_places(arm):
+    """Motor 1 of the paper's arm turns with joint 1, but rubs by the torque of its own cable only."""
+    places = {str(place.location): place for place in CATALOGUE["torque_dependent_friction"].places(arm)}
+    joint, motor = (places[str({"kind": kind, "index": 1})] for kind in ("joint", "motor"))
+    assert {"kind": "motor", "index": 1} not in joint.aliases
+    assert {"kind": "motor", "index": 1} in CATALOGUE["coulomb_friction"].places(arm)[0].aliases
+    motion, effect = make_motion(arm), CATALOGUE["torque_dependent_friction"]
+    own, other = (effect.columns(motion, place, (0.01,)).along[0] for place in (motor, joint))
+    assert np.allclose(own, np.abs(motion.tau_m[:, 0]) * np.tanh(motion.v[:, 0] / 0.01))
+    assert np.corrcoef(own[0], other[0])[0, 1] < 0.99

@@ -1,0 +1,181 @@
+"""What has no name: where it is, in which region of the state, how large; in the words of the diagnosis format."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .effects import Candidate, Place, axis_places
+from .explain import Explanation, Found, is_loud, unnamed
+from .geometry import Vector
+from .model import CableModel
+from .regions import change_time
+from .selection import Fit, Search, rms
+from .spectra import tone_peaks, wandering
+
+WANDERING = 300.0
+"""Slow power over quick power that no noise of a torque's measurement has; a drift that is no fault stays below 30."""
+TONE = 300.0
+"""Power of a line in a torque's spectrum over the median around it that no noise has; noise alone reaches some 15."""
+HIGHEST = 20.0
+"""Frequency up to which a line is taken for a disturbance of the arm [Hz]; above it mains and amplifiers hum."""
+
+
+def noise_floor(search: Search, effects: Sequence[Candidate] = ()) -> Vector:
+    """Estimate each channel's noise in the band without a law, shape (n_channels,).
+
+    It is what smooth functions of position, speed, direction and time leave over beside the rigid body and what was
+    found, less what these functions take of the noise.
+    """
+    return search.left_over(effects)[1].rms
+
+
+def at_corrections(explanation: Explanation, corrections: Sequence[Found]) -> dict[str, Any]:
+    """Describe the largest of those corrections without a name that are in the model."""
+    search = explanation.search
+    main = max(corrections, key=lambda f: f.score.statistic)
+    j = explanation.found.index(main)
+    columns = search.columns(main.candidate)
+    torque = [np.tensordot(explanation.fit.beta[j], c, 1) for c in columns]
+    size = float(np.sqrt(np.sum(rms(search, torque) ** 2)))
+    place = main.candidate.location
+    words = f"{place['kind']} {place['index']}"
+    nearest = [{"effect": r.effect.name, "location": r.location} for r, _ in main.rivals if r.named][:3]
+    time = change_time(main.candidate, explanation.fit.beta[j], search.problem.motions[0])
+    return something(
+        place["kind"], place["index"], main.candidate.effect.revealed_by.format(place=words), size, time, nearest
+    )
+
+
+def something(
+    kind: str,
+    index: int | Sequence[int],
+    region: str,
+    size: float,
+    time: list[float] | None = None,
+    nearest: Sequence[dict[str, Any]] = (),
+) -> dict[str, Any]:
+    """Say where something is that has no name, as the diagnosis format does; `size` is a root mean square."""
+    return {
+        "location": {"kind": kind, "index": index},
+        "time": time,
+        "region": region,
+        "rms": size,
+        "nearest": list(nearest),
+    }
+
+
+def nameless(explanation: Explanation, only_loud: bool = False) -> dict[str, Any] | None:
+    """Describe what is left beside the findings by the correction that explains most of it."""
+    search, effects = explanation.search, [f.candidate for f in explanation.found]
+    patch = unnamed(search, explanation.bank, effects)
+    if patch is None:
+        return None
+    found = Found(patch, search.score(explanation.fit, patch), 0.0, 0.0)
+    if only_loud and not is_loud(found.score):
+        return None
+    fit = search.fit([*effects, patch], explanation.fit.whitener)
+    return at_corrections(replace(explanation, found=(*explanation.found, found), fit=fit), [found])
+
+
+def beyond_floor(search: Search, judge: Search | None, explanation: Explanation) -> tuple[dict[str, Any] | None, float]:
+    """Say where a residual is left that no correction describes either; None where it is near the floor.
+
+    The second value is how large it is, as a sum of squares in units of the noise. Corrections without a name see
+    torques only, so where there is travel alone less may be left without a word.
+    """
+    limit = 2.0 if search.problem.torque else 1.5
+    fit, both = explanation.fit, [search] if judge is None else [search, judge]
+    rests = [there.left_over(fit.effects, smooth=False)[1].rms for there in both]
+    sensed = np.max([there.problem.sensed for there in both], axis=0)
+    floors = [np.hypot(np.maximum(noise_floor(there, fit.effects), sensed), _accuracy(there, fit)) for there in both]
+    ratios = np.divide(rests, floors)
+    rest, ratio = rests[0], np.maximum(np.min(ratios, axis=0), 0.5 * ratios[-1] * (judge is not None))
+    worst = int(np.argmax(ratio))
+    if not search.problem.segments or ratio[worst] < limit or not search.follows_state(fit):
+        return None, 0.0
+    motor = worst % search.problem.model.n_motors + 1
+    words = f"the error of motor {motor} is {ratio[worst]:.1f} times its noise, in no shape that was tried"
+    samples = fit.n_rows / search.problem.n_channels
+    return something("motor", motor, words, float(rest[worst])), float(ratio[worst] ** 2 - 1) * samples
+
+
+def _accuracy(search: Search, fit: Fit) -> Vector:
+    """Say by how much the laws of a fit may be wrong, shape (n_channels,)."""
+    total = np.zeros(search.problem.n_channels)
+    for candidate, beta in zip(fit.effects, fit.beta, strict=True):
+        own = [np.tensordot(beta, columns, 1) for columns in search.columns(candidate)]
+        total += (candidate.effect.error * rms(search, own)) ** 2
+    return np.sqrt(total)
+
+
+def wandering_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
+    """Say where a torque wanders slowly with time, in no repeatable way; None where it does not.
+
+    Its place is that joint or motor along whose coordinate the slow part of the residual lies.
+    """
+    problem, model = search.problem, search.problem.model
+    rest, noise = search.left_over(fit.effects, smooth=False)
+    m = model.n_motors
+    if not problem.torque or not problem.segments or np.max(wandering(noise)[:m]) < WANDERING:
+        return None
+    width = max(3, int(0.25 / max(float(noise.centres[0]), 1e-3)))
+    slow = []
+    for e, run in zip(rest, problem.segments, strict=True):
+        for a, b in run:
+            if b - a > 2 * width:
+                x = e[:m, a:b] - e[:m, a:b].mean(axis=1, keepdims=True)
+                slow.append(np.array([np.convolve(row, np.ones(width) / width, mode="valid") for row in x]))
+    if not slow:
+        return None
+    both = np.concatenate(slow, axis=1)
+    place = _place_along(np.linalg.svd(both, full_matrices=False)[0][:, 0], model)
+    words = f"torque on {place['kind']} {place['index']} that wanders slowly with time"
+    return something(place["kind"], place["index"], words, float(np.sqrt(np.mean(np.sum(both**2, axis=0)))))
+
+
+def _place_along(direction: Vector, model: CableModel) -> dict[str, Any]:
+    """Give the joint or motor whose coordinate lies best along a direction of motor torques, shape (n_motors,)."""
+
+    def along(place: Place) -> float:
+        w = place.weights(model)
+        return abs(complex(w @ direction)) / float(np.linalg.norm(w))
+
+    return max(axis_places(model), key=along).location
+
+
+def swinging_torque(search: Search) -> dict[str, Any] | None:
+    """Say where a torque swings at a frequency of its own above the band; None where it does not.
+
+    It is looked for in what the model leaves of the torques at the full rate, as far up as the motion is known; the
+    line has to be there in both halves of a recording.
+    """
+    problem, m = search.problem, search.problem.model.n_motors
+    if not problem.torque:
+        return None
+    rate = problem.band.rate
+    high = min(3.6 * problem.band.cutoff, HIGHEST, 0.4 * rate)
+    best, told = TONE, None
+    for run, own in zip(problem.runs, problem.segments, strict=True):
+        start, stop = max(own, key=lambda s: s[1] - s[0], default=(0, 0))
+        start, middle, stop = (k * problem.band.step for k in (start, (start + stop) // 2, stop))
+        if middle - start < 256:
+            continue
+        e = (run.data[:m] - run.motion.logged_torque.T)[:, start:stop]
+        t = run.motion.time[start:stop]
+        for x in e:
+            for frequency, height in tone_peaks(x, rate, 0.9 * problem.band.cutoff, high, 1, best).items():
+                turn = np.exp(-2j * np.pi * frequency * t)
+                halves = [e[:, part] @ turn[part] / part.size for part in np.array_split(np.arange(len(t)), 2)]
+                whole = 0.5 * (halves[0] + halves[1])
+                if np.linalg.norm(halves[0] - halves[1]) < 0.5 * np.linalg.norm(whole):
+                    best, told = height, (frequency, 2.0 * whole)
+    if told is None:
+        return None
+    frequency, amplitude = told
+    place = _place_along(amplitude, problem.model)
+    words = f"torque on {place['kind']} {place['index']} that swings with time at {frequency:.3g} Hz"
+    return something(place["kind"], place["index"], words, float(np.linalg.norm(amplitude) / np.sqrt(2.0)))
