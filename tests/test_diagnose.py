@@ -106,7 +106,7 @@ def test_unknown_physics_gets_no_name(tmp_path):
 
 
 def test_a_line_above_the_band_is_said_and_placed(tmp_path):
-    """Beside a clean recording a torque on joint 2 at 6.3 Hz, above the band, is `unexplained` there, not `consistent`."""
+    """A torque on joint 2 at 6.3 Hz, above the band, where nothing else is missing: `unexplained`, at that joint."""
     model, runs, unseen, _, _ = blind(tmp_path, 11, 0, positions="joint", bits=14, noise="white")
     swung = []
     for run in (*runs, *unseen):

@@ -229,8 +229,9 @@ def test_wrong_effects_are_refused(arm, record, words):
         effect_candidates(build_model(with_effects(arm.manipulator, (record,))))
 
 
-def test_bearings_that_turn_alike_but_carry_different_torques_are_two_places(arm):
+def test_bearings_that_turn_alike_but_carry_different_torques_are_two_places():
     """Motor 1 of the paper's arm turns with joint 1, but rubs by the torque of its own cable only."""
+    arm = load_model("urdf/cdm2.yaml")
     places = {str(place.location): place for place in CATALOGUE["torque_dependent_friction"].places(arm)}
     joint, motor = (places[str({"kind": kind, "index": 1})] for kind in ("joint", "motor"))
     assert {"kind": "motor", "index": 1} not in joint.aliases
