@@ -14,17 +14,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .effects import CATALOGUE, Candidate, axis_places, joint_places, parallel
-from .selection import Fit, Search
+from .selection import Bank, Fit, Search
 
 FRICTION = ("viscous_friction", "coulomb_friction", "torque_offset")
 SLIP = 0.03
 """Distance of the middle element of a hysteresis, over the range of its coordinate."""
 
 
-def rubs_everywhere(search: Search, found: Sequence[Candidate], least: int = 3) -> bool:
+def rubs_everywhere(search: Search, bank: Bank, found: Sequence[Candidate], least: int = 3) -> bool:
     """Whether friction is missing at most axes, beside what was found first and given that at all the others.
 
-    No place alone may be the whole story: then an effect that acts on several motors may look like friction everywhere.
+    No place alone may be the whole story, nor any correction without a name: then an effect that acts on several motors
+    may look like friction everywhere.
     """
     axes = axis_places(search.problem.model)
     if not search.problem.torque or len(axes) < least:
@@ -39,7 +40,12 @@ def rubs_everywhere(search: Search, found: Sequence[Candidate], least: int = 3) 
         worth.append(max(search.fit([*found, *rest], clear).deviance - whole, 0.0))
     spread = np.sum(worth) ** 2 / max(np.sum(np.square(worth)), 1e-300)
     loud = int(np.sum(np.array(worth) > 170.0))
-    return loud >= max(least, 0.75 * len(axes)) and bool(spread > max(2.0, 0.3 * len(axes)))
+    if loud < max(least, 0.75 * len(axes)) or spread <= max(2.0, 0.3 * len(axes)):
+        return False
+    rigid = search.fit([], clear)
+    scores = search.score_all(rigid, bank)
+    alone = max(s.statistic for c, s in zip(bank.candidates, scores, strict=True) if not c.named)
+    return bool(rigid.deviance - alone > whole)
 
 
 def _rubs(candidate: Candidate) -> bool:

@@ -107,7 +107,7 @@ def explain(
     for turn in range(4):
         say("searching", 0.1 + 0.2 * turn)
         search, bank, grown = _grow(search, bank, accepted, say)
-        if not turn and grown and rubs_everywhere(search, grown):
+        if not turn and grown and rubs_everywhere(search, bank, grown):
             return _everything(search, bank, say)
         accepted = patch(search, bank, grown) or grown
         if accepted is not grown and _has_a_name(search, bank, grown, accepted):

@@ -18,7 +18,7 @@ from cdm_pin.everywhere import confirmed, kinds_first, rubs_everywhere
 from cdm_pin.model import load_model
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording
-from cdm_pin.selection import Search, Settings
+from cdm_pin.selection import Search, Settings, all_candidates
 
 ROOT = Path(__file__).resolve().parent.parent
 RATE, SECONDS = 200.0, 24.0
@@ -65,7 +65,7 @@ def test_the_band_ends_where_torques_do_not_follow_accelerations(model):
 
 def test_friction_everywhere_is_seen_and_sized(model):
     search = search_of(model, run(model, 1), make_band(RATE, 8.0))
-    assert rubs_everywhere(search, [])
+    assert rubs_everywhere(search, search.bank(all_candidates(search.problem)), [])
     effects = kinds_first(search)
     fit = search.fit(effects)
     found = {(c.effect.name, c.location["index"]): float(b[0]) for c, b in zip(effects, fit.beta, strict=True)}
@@ -76,7 +76,7 @@ def test_friction_everywhere_is_seen_and_sized(model):
 
 def test_friction_at_one_axis_is_not_everywhere(model):
     search = search_of(model, run(model, 2, ((0.3, 0.2, 0.1), (0, 0, 0), (0, 0, 0))), make_band(RATE, 8.0))
-    assert not rubs_everywhere(search, [])
+    assert not rubs_everywhere(search, search.bank(all_candidates(search.problem)), [])
 
 
 def test_what_harms_on_the_unseen_recording_is_withdrawn(model):
