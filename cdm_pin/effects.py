@@ -420,7 +420,7 @@ def _stribeck(motion: Motion, place: Place, shape: Shape) -> Columns:
 
 def _asymmetric(motion: Motion, place: Place, shape: Shape) -> Columns:
     s = _sign(motion, place, shape)
-    return _rub(motion, place, 0.5 * (1 + s), -0.5 * (1 - s))
+    return _rub(motion, place, s, np.ones(motion.n))
 
 
 def _drag(motion: Motion, place: Place, shape: Shape) -> Columns:
@@ -817,6 +817,16 @@ def _named(*names: str):
     return lambda beta, shape: dict(zip(names, map(float, beta), strict=False))
 
 
+def _asymmetric_physical(beta: Vector, shape: Shape) -> dict[str, float]:
+    """Tell the levels of both directions from their mean and half their difference."""
+    return {"coulomb_positive": float(beta[0] + beta[1]), "coulomb_negative": float(beta[0] - beta[1])}
+
+
+def _asymmetric_inverse(p: dict[str, float]) -> tuple[list[float], list[float]]:
+    forwards, backwards = p["coulomb_positive"], p["coulomb_negative"]
+    return [0.5 * (forwards + backwards), 0.5 * (forwards - backwards)], []
+
+
 def _stribeck_physical(beta: Vector, shape: Shape) -> dict[str, float]:
     return {"coulomb": float(beta[0]), "stribeck": float(beta[1]), "stribeck_velocity": shape[1]}
 
@@ -956,10 +966,11 @@ CATALOGUE: dict[str, Effect] = {
             (Parameter("coulomb_positive", _NM, 0.0), Parameter("coulomb_negative", _NM, 0.0)),
             axis_places,
             _asymmetric,
-            _named("coulomb_positive", "coulomb_negative"),
+            _asymmetric_physical,
             _width_grid,
             _width_bounds,
-            (1, 1),
+            (1, 0),
+            inverse=_asymmetric_inverse,
             confounded=("coulomb_friction", "torque_offset"),
             revealed_by="nothing beside symmetric friction and a constant torque on that joint, which it equals",
             reference=_FRICTION,
