@@ -177,10 +177,10 @@ def _leaning(search: Search, fit: Fit, found: Found, small: float = 400.0, large
 
     One with more parameters leads by definition; it is a rival only if these gain more than noise would. A finding that
     is small by its statistic cannot exclude such a refinement, so AIC's penalty takes the place of BIC's there; a large
-    one can. Refinements come after those that are as likely without, and the likeliest place of every effect before
-    the second one of any.
+    one can. Those that are as likely and as simple come first, then refinements, then those that are less likely; the
+    likeliest place of every effect comes before the second one of any.
     """
-    plain, refined = [], []
+    out = []
     for rival, difference in found.rivals:
         if not rival.named:
             continue
@@ -191,12 +191,13 @@ def _leaning(search: Search, fit: Fit, found: Found, small: float = 400.0, large
                 difference = lead - more
             elif found.score.statistic > large or difference < -search.settings.close or lead < 2.0:
                 continue
-        (refined if more > 0 else plain).append((rival, difference))
+        tier = 2 if difference < -search.settings.close else int(more > 0)
+        out.append((tier, -difference, rival))
     turn = Counter[str]()
     order = []
-    for rival, difference in (item for part in (plain, refined) for item in sorted(part, key=lambda x: -x[1])):
+    for _, behind, rival in sorted(out, key=lambda item: item[:2]):
         turn[rival.effect.name] += 1
-        order.append((turn[rival.effect.name], rival, difference))
+        order.append((turn[rival.effect.name], rival, -behind))
     return [(rival, difference) for _, rival, difference in sorted(order, key=lambda item: item[0])]
 
 
