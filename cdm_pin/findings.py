@@ -177,27 +177,26 @@ def _leaning(search: Search, fit: Fit, found: Found, small: float = 400.0, large
 
     One with more parameters leads by definition; it is a rival only if these gain more than noise would. A finding that
     is small by its statistic cannot exclude such a refinement, so AIC's penalty takes the place of BIC's there; a large
-    one can. Those that are as likely and as simple come first, then refinements, then those that are less likely; the
-    likeliest place of every effect comes before the second one of any.
+    one can. In the order a refinement stands half way between the two penalties; the likeliest place of every effect
+    comes before the second one of any.
     """
     out = []
     for rival, difference in found.rivals:
         if not rival.named:
             continue
-        more = search.size(rival) - search.size(found.candidate)
+        more, rank = search.size(rival) - search.size(found.candidate), difference
         if more > 0:
             lead = difference + 0.5 * np.log(fit.n_rows) * more
             if found.score.statistic < small:
                 difference = lead - more
             elif found.score.statistic > large or difference < -search.settings.close or lead < 2.0:
                 continue
-        tier = 2 if difference < -search.settings.close else int(more > 0)
-        out.append((tier, -difference, rival))
+        out.append((0.5 * (rank + difference), rival, difference))
     turn = Counter[str]()
     order = []
-    for _, behind, rival in sorted(out, key=lambda item: item[:2]):
+    for _, rival, difference in sorted(out, key=lambda item: -item[0]):
         turn[rival.effect.name] += 1
-        order.append((turn[rival.effect.name], rival, -behind))
+        order.append((turn[rival.effect.name], rival, difference))
     return [(rival, difference) for _, rival, difference in sorted(order, key=lambda item: item[0])]
 
 
