@@ -25,13 +25,15 @@ from .signals_filters import lowpass
 
 STEPS = 5  # candidates, half an octave apart
 LOWEST = 4.0  # [Hz]
-SLOWEST = 0.5  # [Hz], of accelerations in a band up to LOWEST
+SLOWEST = 0.5  # [Hz], of accelerations that are mostly noise
 CLEAR = 0.85  # of a motor's residual in the whole band: what a narrower one has to leave at most
 NEAR = 1.03  # of the least residual
 LONGEST = 12000  # samples that are looked at
 
 
-def inertia_cutoff(motion: Motion, torque: Vector, band: Any, segments: Sequence[tuple[int, int]]) -> float:
+def inertia_cutoff(
+    motion: Motion, torque: Vector, band: Any, segments: Sequence[tuple[int, int]], coarse: bool = False
+) -> float:
     """Find where a motor's torque stops to follow its accelerations, the lowest of all motors' [Hz].
 
     Parameters
@@ -43,14 +45,15 @@ def inertia_cutoff(motion: Motion, torque: Vector, band: Any, segments: Sequence
         The common filter.
     segments : sequence of (start, stop)
         Stretches of decimated samples that count.
+    coarse : bool
+        Whether the accelerations in the band are mostly noise.
 
     Returns
     -------
     float
-        The band's own cut-off where no motor is explained clearly better by slower accelerations; in a band up to
-        `LOWEST`, where slower ones would not do for all motors.
+        The band's own cut-off where no motor is explained clearly better by slower accelerations; where they are
+        mostly noise, what slower ones would not do for.
     """
-    coarse = band.cutoff <= LOWEST
     lowest, sure = (SLOWEST, 1e-4) if coarse else (LOWEST, 1e-3)
     limits = [f for f in band.cutoff * 2.0 ** (-0.5 * np.arange(1, STEPS + 1)) if f >= lowest]
     if not limits or not segments:

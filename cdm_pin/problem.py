@@ -214,17 +214,18 @@ def make_problem(model: CableModel, recordings: Sequence[Recording], band: Band 
         runs = tuple(_run(model, s, band, torque, kinematic, i) for i, s in enumerate(ready))
         return Problem(model, runs, band, torque, kinematic, SensorNoise(model, tuple(ready), band))
 
-    problem = made(chosen)
-    if band is not None or not torque:
+    problem = made(replace(chosen, slow=np.inf))
+    coarse = torque and problem.sensors.trusted < 0.5 * chosen.cutoff <= 0.5 * LOWEST
+    if not torque or (band is not None and not coarse):
         return problem
     slower = [
-        inertia_cutoff(run.motion, run.data[: model.n_motors], chosen, own)
+        inertia_cutoff(run.motion, run.data[: model.n_motors], chosen, own, coarse)
         for run, own in zip(problem.runs, problem.segments, strict=True)
     ]
-    cutoff = float(np.median(slower))
+    cutoff = float(np.max(slower) if coarse else np.median(slower))  # as quick as any recording asks for
     if cutoff >= chosen.cutoff:
         return problem
-    return made(make_band(rate, cutoff) if cutoff >= LOWEST else replace(chosen, slow=cutoff))
+    return made(replace(chosen, slow=cutoff) if coarse else make_band(rate, cutoff))
 
 
 def _affordable(n_motors: int, samples: int, rate: float) -> float:
