@@ -25,12 +25,15 @@ class Band:
         Every which sample is kept.
     taps : ndarray, shape (2 half + 1,)
         Symmetric kernel; half is a multiple of `step`.
+    slow : float
+        Accelerations are those of the motion below this frequency [Hz].
     """
 
     rate: float
     cutoff: float
     step: int
     taps: Vector
+    slow: float = np.inf
 
     def reduce(self, x: Vector) -> Vector:
         """Filter and decimate along the last axis, (..., n) -> (..., ceil(n / step)); `segments` cuts the ends."""

@@ -1310,7 +1310,7 @@ CATALOGUE: dict[str, Effect] = {
             _delay,
             _named("delay"),
             lambda m, p: [(0.012,)],
-            lambda m, p: [(1e-3, 0.15)],
+            lambda m, p: [],
             (1,),
             counts=False,
             follows=True,

@@ -364,6 +364,8 @@ def gain(search: Search, fit: Fit, candidate: Candidate, score: Score) -> float:
 def _passes(search: Search, candidate: Candidate, score: Score, weight: float, fit: Fit) -> bool:
     """Whether a candidate is significant, visible, and more than an error of the laws that are in the fit already."""
     s = search.settings
+    if not candidate.effect.counts:
+        candidate, score = search.refine(fit, candidate)
     if score.visible <= s.visible or family_wise(score, candidate, weight) >= np.log(s.alarm):
         return False
     if not is_resolved(search, candidate, score.beta):

@@ -3,6 +3,9 @@
 An encoder at the motor sees cables and links vibrate as if the whole link did, and samples that jitter look like
 vibration too. In a band that is wider than this the inertias come out too small, and what is missing then looks like a
 delay of the torque and hides all else.
+
+Where encoders are too coarse even for a narrow band, the accelerations in it are mostly their steps; those quicker than
+the torques ask for are left out.
 """
 
 from __future__ import annotations
@@ -22,12 +25,15 @@ from .signals_filters import lowpass
 
 STEPS = 5  # candidates, half an octave apart
 LOWEST = 4.0  # [Hz]
+SLOWEST = 0.5  # [Hz], of accelerations that are mostly noise
 CLEAR = 0.85  # of a motor's residual in the whole band: what a narrower one has to leave at most
 NEAR = 1.03  # of the least residual
 LONGEST = 12000  # samples that are looked at
 
 
-def inertia_cutoff(motion: Motion, torque: Vector, band: Any, segments: Sequence[tuple[int, int]]) -> float:
+def inertia_cutoff(
+    motion: Motion, torque: Vector, band: Any, segments: Sequence[tuple[int, int]], coarse: bool = False
+) -> float:
     """Find where a motor's torque stops to follow its accelerations, the lowest of all motors' [Hz].
 
     Parameters
@@ -39,13 +45,17 @@ def inertia_cutoff(motion: Motion, torque: Vector, band: Any, segments: Sequence
         The common filter.
     segments : sequence of (start, stop)
         Stretches of decimated samples that count.
+    coarse : bool
+        Whether the accelerations in the band are mostly noise.
 
     Returns
     -------
     float
-        The band's own cut-off where no motor is explained clearly better by slower accelerations.
+        The band's own cut-off where no motor is explained clearly better by slower accelerations; where they are
+        mostly noise, what slower ones would not do for.
     """
-    limits = [f for f in band.cutoff * 2.0 ** (-0.5 * np.arange(1, STEPS + 1)) if f >= LOWEST]
+    lowest, sure = (SLOWEST, 1e-4) if coarse else (LOWEST, 1e-3)
+    limits = [f for f in band.cutoff * 2.0 ** (-0.5 * np.arange(1, STEPS + 1)) if f >= lowest]
     if not limits or not segments:
         return band.cutoff
     a, b = max(segments, key=lambda s: s[1] - s[0])
@@ -63,12 +73,16 @@ def inertia_cutoff(motion: Motion, torque: Vector, band: Any, segments: Sequence
             return np.zeros(model.n_motors)
         scale = np.sqrt(np.mean(y**2, axis=1))
         out = [residual(X[:, i].T, y[i]) for i in range(model.n_motors)]
-        return np.maximum(out, 1e-3 * scale)
+        return np.maximum(out, sure * scale)
 
     table = [left(motion.a, motion.a_m)]
     for f in limits:
         table.append(left(lowpass(motion.a, motion.rate, f), lowpass(motion.a_m, motion.rate, f)))
     errors = np.array(table)
+    if coarse:
+        enough = errors <= NEAR * errors.min(axis=0)
+        last = len(errors) - 1 - np.argmax(enough[::-1], axis=0)
+        return float([band.cutoff, *limits][min(last)])
     best = np.minimum(errors.min(axis=0), errors[0])
     found = [band.cutoff]
     for i in np.flatnonzero(best < CLEAR * errors[0]):

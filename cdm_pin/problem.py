@@ -11,15 +11,15 @@ import numpy as np
 from .band import Band, make_band
 from .effects import Candidate, Columns, loaded
 from .geometry import Vector
-from .inertia_band import inertia_cutoff
+from .inertia_band import LOWEST, inertia_cutoff
 from .measured import both_positions, motor_torques
 from .model import CableModel
 from .motion import Motion
 from .recording import Recording
 from .regressor import motor_regressor
-from .sensor_noise import SensorNoise, inertia_limit, travel_noise
+from .sensor_noise import SensorNoise, inertia_limit, position_noise, travel_noise
 from .signals import Signals, prepare
-from .signals_filters import differentiate, lowpass, noise_floor
+from .signals_filters import differentiate, lowpass
 from .whitening import Lines, Segments
 
 MUCH = 4e8
@@ -36,12 +36,21 @@ class Run:
     motion : Motion
         Lightly filtered, at the full rate.
     data : ndarray, shape (n_channels, n)
-        Motor torques, then the travel that the kinematic model leaves over; not filtered.
+        Motor torques, then the travel that the kinematic model leaves over (`without_mean`); not filtered.
+    sure : ndarray, shape (n_motors,), optional
+        What the mean of each travel counts for, 0 to 1; default 1.
     """
 
     signals: Signals
     motion: Motion
     data: Vector
+    sure: Vector | None = None
+
+    def without_mean(self, travel: Vector) -> Vector:
+        """Take from travels, shape (..., n_motors, n), that share of their mean which rounding may have made."""
+        if self.sure is None or not self.signals.valid.any():
+            return travel
+        return travel - (1.0 - self.sure[:, None]) * travel[..., self.signals.valid].mean(axis=-1, keepdims=True)
 
     @property
     def payload(self) -> float:
@@ -154,10 +163,10 @@ class Problem:
 
     def reduce(self, columns: Callable[[Motion], Columns]) -> list[Lines]:
         """Compute columns on every run and bring them into the band."""
-        return [self._reduce(columns(run.motion), run.motion.n) for run in self.runs]
+        return [self._reduce(columns(run.motion), run) for run in self.runs]
 
-    def _reduce(self, columns: Columns, n: int) -> Lines:
-        m = self.model.n_motors
+    def _reduce(self, columns: Columns, run: Run) -> Lines:
+        m, n = self.model.n_motors, run.motion.n
         if columns.along is not None:
             series, w = columns.along
             weights = np.zeros((len(series), self.n_channels))
@@ -169,7 +178,7 @@ class Problem:
         if self.torque and columns.torque is not None:
             full[:, :m] = columns.torque.transpose(2, 1, 0)
         if self.kinematic and columns.kinematic is not None:
-            full[:, m * self.torque :] = columns.kinematic.transpose(2, 1, 0)
+            full[:, m * self.torque :] = run.without_mean(columns.kinematic.transpose(2, 1, 0))
         lines = Lines.of(full)
         return Lines(self.band.reduce(lines.series), lines.weights, lines.owner, lines.n_columns)
 
@@ -205,15 +214,18 @@ def make_problem(model: CableModel, recordings: Sequence[Recording], band: Band 
         runs = tuple(_run(model, s, band, torque, kinematic, i) for i, s in enumerate(ready))
         return Problem(model, runs, band, torque, kinematic, SensorNoise(model, tuple(ready), band))
 
-    problem = made(chosen)
-    if band is not None or not torque:
+    problem = made(replace(chosen, slow=np.inf))
+    coarse = torque and problem.sensors.trusted < 0.5 * chosen.cutoff <= 0.5 * LOWEST
+    if not torque or (band is not None and not coarse):
         return problem
     slower = [
-        inertia_cutoff(run.motion, run.data[: model.n_motors], chosen, own)
+        inertia_cutoff(run.motion, run.data[: model.n_motors], chosen, own, coarse)
         for run, own in zip(problem.runs, problem.segments, strict=True)
     ]
-    cutoff = float(np.median(slower))
-    return problem if cutoff >= chosen.cutoff else made(make_band(rate, cutoff))
+    cutoff = float(np.max(slower) if coarse else np.median(slower))  # as quick as any recording asks for
+    if cutoff >= chosen.cutoff:
+        return problem
+    return made(replace(chosen, slow=cutoff) if coarse else make_band(rate, cutoff))
 
 
 def _affordable(n_motors: int, samples: int, rate: float) -> float:
@@ -256,10 +268,22 @@ def _dithered(travel: Vector, signals: Signals, model: CableModel, least: float 
     return travel + alike * noise * np.random.default_rng(0).standard_normal(travel.shape)
 
 
+def _sure_of_mean(model: CableModel, signals: Signals) -> Vector:
+    """Tell what the mean of each travel counts for, beside encoders whose rounding shifts it, shape (n_motors,).
+
+    Such a shift of up to half a step on either side is as good as a known variance of the mean: the square root of the
+    share of it that noise alone would have.
+    """
+    steps, n = signals.steps, int(signals.valid.sum())
+    shift = 0.5 * (steps["motor_position"] + np.abs(model.motor_from_joint) @ steps["joint_position"])
+    own = np.maximum(travel_noise(model, signals), 1e-300) / np.sqrt(max(n, 1))
+    return own / np.hypot(own, shift)
+
+
 def _sharp(model: CableModel, signals: Signals, q: Vector, share: float = 0.01) -> float:
     """Find the widest band [Hz] in which the noise of velocity stays below a share of the velocity."""
     v = np.sqrt(np.mean(differentiate(lowpass(q, signals.rate, 0.05 * signals.rate), signals.rate) ** 2, axis=0))
-    noise = np.maximum(noise_floor(q, signals.rate), 1e-9)
+    noise = position_noise(model, signals)
     moving = v > 1e-4
     if not moving.any():
         return 0.0
@@ -278,7 +302,7 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
             q_raw
         )  # both encoders see one motion: two noisy copies of it would fit the noise
     q, q_m = lowpass(q_raw, rate, sharp), lowpass(q_m_raw, rate, sharp)
-    slow, slow_m = lowpass(q_raw, rate, light), lowpass(q_m_raw, rate, light)
+    slow, slow_m = (lowpass(x, rate, min(light, band.slow)) for x in (q_raw, q_m_raw))
     if kinematic:  # accelerations from two encoders would fit each other's noise
         slow_m = model.motor_position(slow)
     noise = np.sqrt(np.mean((q_m_raw - q_m) ** 2, axis=0)) * 2 * np.pi * sharp * np.sqrt(2 * sharp / rate / 3)
@@ -302,6 +326,9 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
         from .completed import added_torque
 
         channels[0] = channels[0] - added_torque(motion)
-    if kinematic:
-        channels.append(_dithered(travel, signals, model) * model.arm_scale)
-    return Run(signals, motion, np.concatenate(channels, axis=1).T)
+    run = Run(signals, motion, np.concatenate([*channels, np.zeros((motion.n, 0))], axis=1).T)
+    if not kinematic:
+        return run
+    run = replace(run, sure=_sure_of_mean(model, signals))
+    left = run.without_mean((_dithered(travel, signals, model) * model.arm_scale).T)
+    return replace(run, data=np.concatenate([run.data, left]))

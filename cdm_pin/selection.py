@@ -23,6 +23,7 @@ from .spectra import Spectrum, spectrum, stands_out, tone_peaks, whitener_of
 from .whitening import Lines, Segments, Whitener, fit_whitener, log_p, quiet_segments
 
 _TORQUE_BOUND = frozenset(name for name, effect in CATALOGUE.items() if effect.follows or effect.weighs)
+SHORTEST = 1e-4  # [s] of delays
 _LARGE = 2e9  # bytes of a whitened bank; of such only one is kept
 
 
@@ -711,7 +712,17 @@ class Search:
         return _score(gram, rest @ fit.residual, np.einsum("ij,ij->i", W, W), np.diag(gram), candidate.effect.signs)
 
     def refine(self, fit: Fit, candidate: Candidate, rounds: int = 2) -> tuple[Candidate, Score]:
-        """Estimate the shape of a candidate: one nonlinear parameter after the other, to the best score."""
+        """Estimate the shape of a candidate: one nonlinear parameter after the other, to the best score.
+
+        Where the shape is the coefficient, as of a delay, it is made to be: a small share of a long delay would be a
+        low-pass, which noisy accelerations ask for.
+        """
+        if not candidate.effect.counts:
+            for _ in range(3 * rounds):
+                delay = max(float(self.score(fit, candidate).beta[0]), SHORTEST)
+                self._cache.pop(candidate.identity, None)
+                candidate = replace(candidate, shape=(delay, *candidate.shape[1:]))
+            return candidate, self.score(fit, candidate)
         bounds = candidate.bounds(self.problem.motions)
         best, score = candidate, self.score(fit, candidate)
         for _ in range(rounds if len(bounds) > 1 else 1):
@@ -795,10 +806,12 @@ def _key(effects: Sequence[Candidate]) -> frozenset[Any]:
 def _least_squares(A: Vector, b: Vector, size: Vector | None = None) -> tuple[Vector, Vector, Vector]:
     """Solve A' x = b for the rows of A; give x, an orthonormal basis of the rows, and x per coordinate in it.
 
-    `size` is what the rows are measured by where their own norm would not tell noise from nothing.
+    `size` is what the rows are measured by where their own norm would not tell noise from nothing; by default that is
+    the largest of all, beside which a rounding error is nothing.
     """
     own = np.linalg.norm(A, axis=1)
-    scale = np.where(own > 1e-7 * (own if size is None else size), own, np.inf)
+    least = 1e-12 * np.max(own, initial=0.0) if size is None else 1e-7 * size
+    scale = np.where(own > least, own, np.inf)
     if not len(A) or not np.isfinite(scale).any():
         return np.zeros(len(A)), np.zeros((len(b), 0)), np.zeros((len(A), 0))
     U, s, Vt = np.linalg.svd((A / scale[:, None]).T, full_matrices=False)

@@ -13,7 +13,7 @@ from .geometry import Vector
 from .measured import both_positions, motor_torques
 from .model import CableModel
 from .signals import Signals
-from .signals_filters import differentiate, lowpass, noise_floor, quantisation_step
+from .signals_filters import differentiate, lowpass, noise_floor
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,8 @@ class SensorNoise:
         for signals, rounding in zip(self.signals, self._roundings, strict=True):
             share = np.sqrt(min(1.0, 2 * self.band.cutoff / signals.rate))
             white = inertia_noise(self.model, signals) * share * (2 * np.pi * self.band.cutoff) ** 2 / np.sqrt(5)
-            own = noise_floor(motor_torques(self.model, signals.logged), signals.rate, self.band.cutoff)
+            steps = _torque_steps(self.model, signals)
+            own = noise_floor(motor_torques(self.model, signals.logged), signals.rate, self.band.cutoff, steps)
             parts.append(np.hypot(own, np.maximum(white, rounding)))
         return np.max(parts, axis=0)
 
@@ -78,27 +79,33 @@ class SensorNoise:
 
         What is logged may be wrong by half of one for as long as the torque hardly changes.
         """
-        steps = np.zeros(self.model.n_motors)
-        for signals in self.signals:
-            logged = signals.recording.channels
-            name = "motor_torque" if "motor_torque" in logged else "joint_torque"
-            own = np.array([quantisation_step(x) for x in logged[name].T]) if name in logged else np.zeros(1)
-            steps = np.maximum(steps, own if name == "motor_torque" else np.abs(self.model.joint_from_motor.T) @ own)
-        return steps
+        return np.max([_torque_steps(self.model, signals) for signals in self.signals], axis=0)
 
 
 def inertia_limit(model: CableModel, signals: Signals) -> float:
     """Give the frequency [Hz] above which the noise of positions, through the inertia, exceeds that of torque."""
-    tau = noise_floor(motor_torques(model, signals.logged), signals.rate)
-    ratio = np.median(tau / np.maximum(inertia_noise(model, signals), 1e-12))
+    tau = noise_floor(motor_torques(model, signals.logged), signals.rate, steps=_torque_steps(model, signals))
+    moved = inertia_noise(model, signals)
+    felt = moved > 0.0  # by a motor that moves no inertia nothing is told
+    ratio = np.median(tau[felt] / moved[felt]) if felt.any() else np.inf
     return float(0.8 * np.sqrt(ratio) / (2 * np.pi))
 
 
 def inertia_noise(model: CableModel, signals: Signals) -> Vector:
     """Noise of positions times the inertia that each motor feels, shape (n_motors,) [N m s^2]."""
     q, _ = both_positions(model, signals.logged)
-    noise = np.maximum(noise_floor(q, signals.rate), 1e-9)
+    noise = position_noise(model, signals)
     return np.abs(model.joint_from_motor.T @ _mass(model, q) * noise) @ (np.ptp(q, axis=0) > 1e-6)
+
+
+def position_noise(model: CableModel, signals: Signals) -> Vector:
+    """Noise of the joints' positions, also where they follow from the motors', shape (n_joints,) [rad]."""
+    steps = signals.steps
+    if "joint_position" in steps:
+        own = steps["joint_position"]
+    else:
+        own = np.sqrt(model.joint_from_motor**2 @ steps["motor_position"] ** 2)
+    return np.maximum(noise_floor(both_positions(model, signals.logged)[0], signals.rate, steps=own), 1e-9)
 
 
 def travel_noise(model: CableModel, signals: Signals) -> Vector:
@@ -114,12 +121,10 @@ def _rounding(model: CableModel, signals: Signals, band: Band) -> Vector:
     made once more by rounding the motion as far as it is known.
     """
     q, _ = both_positions(model, signals.logged)
-    smooth, logged = lowpass(q, signals.rate, band.cutoff), signals.recording.channels
+    smooth = lowpass(q, signals.rate, band.cutoff)
     measured = "joint_position" if "joint_position" in signals.logged else "motor_position"
-    if measured not in logged:
-        return np.zeros(model.n_motors)
     x = smooth if measured == "joint_position" else model.motor_position(smooth)
-    steps = np.array([quantisation_step(column) for column in logged[measured].T])
+    steps = signals.steps[measured]
     own = np.where(steps > 0, steps, 1.0)
     error = (np.round(x / own) * own - x) * (steps > 0)
     if measured == "motor_position":
@@ -129,6 +134,13 @@ def _rounding(model: CableModel, signals: Signals, band: Band) -> Vector:
     torque = band.reduce((a @ _mass(model, q) @ model.joint_from_motor).T)
     inside = [torque[:, start:stop] for start, stop in band.segments(signals.valid)]
     return np.sqrt(np.mean(np.concatenate(inside, axis=1) ** 2, axis=1)) if inside else np.zeros(model.n_motors)
+
+
+def _torque_steps(model: CableModel, signals: Signals) -> Vector:
+    steps = signals.steps
+    if "motor_torque" in steps:
+        return steps["motor_torque"]
+    return np.abs(model.joint_from_motor.T) @ steps.get("joint_torque", np.zeros(model.n_joints))
 
 
 def _mass(model: CableModel, q: Vector) -> Vector:

@@ -16,6 +16,7 @@ from .signals_filters import (
     lowpass,
     noise_floor,
     quantisation_step,
+    quantisation_steps,
     resample_uniform,
     torque_bandwidth,
     velocity_cutoff,
@@ -32,6 +33,7 @@ __all__ = [
     "choose_cutoff",
     "differentiate",
     "estimate_period",
+    "logged_steps",
     "lowpass",
     "motion_at_rows",
     "noise_floor",
@@ -45,6 +47,7 @@ __all__ = [
 ]
 
 _MOTION = ("position", "velocity", "acceleration")
+_POSITIONS = ("joint_position", "motor_position")
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,8 @@ class Signals:
         The recorded quantities on the grid, not filtered.
     order : int
         Of each of the two passes of the filters.
+    steps : dict of str to ndarray, shape (width,)
+        In which each recorded quantity was logged, zero where there are none (`logged_steps`).
     period : float or None
         Of the motion [s], where it repeats.
     """
@@ -99,6 +104,7 @@ class Signals:
     light_cutoff: float = np.inf
     logged: dict[str, np.ndarray] = field(default_factory=dict)
     order: int = 4
+    steps: dict[str, np.ndarray] = field(default_factory=dict)
     period: float | None = None
 
     def filter(self, x: np.ndarray) -> np.ndarray:
@@ -149,6 +155,7 @@ def prepare(
         check_widths(recording, model)
     clock = read_clock(recording, repair=repair_clock)
     time, own_rate, logged = _on_grid(recording, clock)
+    steps = logged_steps(recording)
     notices = [*recording.notices, *clock.notices]
     gaps = clock.time[clock.keep]
     if repair_clock:
@@ -160,25 +167,26 @@ def prepare(
     cutoff, reason = (cutoff, "as asked for") if cutoff else _common_cutoff(logged, own_rate)
     cutoff = min(cutoff, highest)
     notices.append(f"one zero-phase low-pass of {cutoff:.3g} Hz for everything, {reason}; samples at {own_rate:.4g} Hz")
-    light_cutoff = min(light_cutoff or max(cutoff, _light_cutoff(logged, own_rate)), highest)
+    light_cutoff = min(light_cutoff or max(cutoff, _light_cutoff(logged, own_rate, steps)), highest)
     light = {name: x for name, x in _filtered(logged, own_rate, light_cutoff, order).items() if _is_motion(name)}
     signals = Signals(
         time=time,
         rate=own_rate,
         cutoff=cutoff,
         channels=_filtered(logged, own_rate, cutoff, order),
-        noise={name: noise_floor(x, own_rate) for name, x in logged.items()},
+        noise={name: noise_floor(x, own_rate, steps=steps[name]) for name, x in logged.items()},
         valid=_valid(time, gaps, 1.5 / cutoff, max_gap or max(2.5 / own_rate, 0.5 / cutoff), notices),
         recording=recording,
-        floor={name: noise_floor(x, own_rate, cutoff) for name, x in logged.items()},
+        floor={name: noise_floor(x, own_rate, cutoff, steps[name]) for name, x in logged.items()},
         light=light,
         light_cutoff=light_cutoff,
         logged=logged,
         order=order,
+        steps=steps,
     )
     signals = _with_period(signals, notices)
     notices += [f"{c.channel}: {c.message}".removeprefix(": ") for c in check(signals, model)]
-    notices += _steps(recording)
+    notices += _said(steps)
     signals = replace(signals, notices=tuple(notices))
     return signals if rate is None else _decimated(signals, rate)
 
@@ -263,7 +271,7 @@ def _on_grid(recording: Recording, clock: Clock) -> tuple[np.ndarray, float, dic
 
 
 def _positions(logged: dict[str, np.ndarray]) -> np.ndarray | None:
-    found = [logged[name] for name in ("joint_position", "motor_position") if name in logged]
+    found = [logged[name] for name in _POSITIONS if name in logged]
     return np.hstack(found) if found else None
 
 
@@ -294,9 +302,11 @@ def _common_cutoff(logged: dict[str, np.ndarray], rate: float) -> tuple[float, s
     return cutoff, reason
 
 
-def _light_cutoff(logged: dict[str, np.ndarray], rate: float) -> float:
+def _light_cutoff(logged: dict[str, np.ndarray], rate: float, steps: dict[str, np.ndarray]) -> float:
     positions = _positions(logged)
-    return 0.4 * rate if positions is None else velocity_cutoff(positions, rate)
+    if positions is None:
+        return 0.4 * rate
+    return velocity_cutoff(positions, rate, steps=np.hstack([steps[name] for name in _POSITIONS if name in logged]))
 
 
 def _is_motion(name: str) -> bool:
@@ -349,12 +359,25 @@ def _with_period(signals: Signals, notices: list[str]) -> Signals:
     return replace(signals, period=period, noise=deviations[0], floor=deviations[1])
 
 
-def _steps(recording: Recording) -> list[str]:
+def logged_steps(recording: Recording) -> dict[str, np.ndarray]:
+    """Give the steps in which every quantity was logged, per channel; zero where there are none.
+
+    They are those of the rows: samples carried over to other instants have none. An encoder that rests does not show
+    its steps; they are taken to be the largest of the others on its side.
+    """
+    found = {name: quantisation_steps(x) for name, x in recording.channels.items()}
+    for name in _POSITIONS:
+        if name in found:
+            rests = np.ptp(recording.channels[name], axis=0) <= found[name].max()
+            found[name] = np.where(rests, found[name].max(), found[name])
+    return found
+
+
+def _said(steps: dict[str, np.ndarray]) -> list[str]:
     notices = []
-    for name in ("joint_position", "motor_position", "joint_torque", "motor_torque"):
-        steps = [quantisation_step(x) for x in recording.channels.get(name, np.zeros((0, 0))).T]
-        if any(steps):
-            notices.append(f"{name} comes in steps of {', '.join(f'{s:.3g}' if s else '-' for s in steps)}")
+    for name in (*_POSITIONS, "joint_torque", "motor_torque"):
+        if name in steps and steps[name].any():
+            notices.append(f"{name} comes in steps of {', '.join(f'{s:.3g}' if s else '-' for s in steps[name])}")
     return notices
 
 

@@ -35,7 +35,7 @@ def resample_uniform(time: np.ndarray, x: np.ndarray, rate: float) -> tuple[np.n
         return grid, values.reshape(len(grid), *x.shape[1:])
     if len(grid) == len(time) and np.max(np.abs(grid - time)) < 1e-6 / rate:
         return grid, np.array(x, float)
-    values = CubicSpline(time, x)(grid)
+    values = CubicSpline(time, x - x[0])(grid) + x[0]  # so that what rests does so to the last digit
     step = np.diff(time)
     typical = np.median(step)
     gaps = step > 8 * typical
@@ -71,7 +71,8 @@ def lowpass(x: np.ndarray, rate: float, cutoff: float, order: int = 4) -> np.nda
     if cutoff >= 0.5 * rate or len(x) < 4:
         return np.array(x, float)
     padding = min(len(x) - 1, int(np.ceil(2 * order * rate / cutoff)))
-    return sosfiltfilt(butter(order, cutoff / (0.5 * rate), output="sos"), x, axis=0, padlen=padding)
+    sos = butter(order, cutoff / (0.5 * rate), output="sos")
+    return sosfiltfilt(sos, x - x[0], axis=0, padlen=padding) + x[0]
 
 
 def differentiate(x: np.ndarray, rate: float) -> np.ndarray:
@@ -94,7 +95,7 @@ def differentiate(x: np.ndarray, rate: float) -> np.ndarray:
         return np.zeros_like(x, float)
     if len(x) < 9:
         return np.asarray(np.gradient(x, 1 / rate, axis=0, edge_order=2 if len(x) > 2 else 1))
-    return np.asarray(savgol_filter(x, 9, 8, deriv=1, delta=1 / rate, axis=0, mode="interp"))
+    return np.asarray(savgol_filter(x - x[0], 9, 8, deriv=1, delta=1 / rate, axis=0, mode="interp"))
 
 
 def spectrum(x: np.ndarray, rate: float, longest: int = 1 << 14) -> tuple[np.ndarray, np.ndarray]:
@@ -287,7 +288,7 @@ def moves(x: np.ndarray, rate: float) -> np.ndarray:
     return (span > 10 * _white_std(x, rate)) & (span > 0.01 * span.max())
 
 
-def velocity_cutoff(x: np.ndarray, rate: float, noise: float = 0.01) -> float:
+def velocity_cutoff(x: np.ndarray, rate: float, noise: float = 0.01, steps: np.ndarray | None = None) -> float:
     """Choose the widest low-pass that keeps the noise of velocities below a share `noise` of their rms.
 
     Parameters
@@ -296,6 +297,8 @@ def velocity_cutoff(x: np.ndarray, rate: float, noise: float = 0.01) -> float:
         Positions on a uniform grid.
     rate : float
         Hz.
+    steps : ndarray, shape (width,), optional
+        In which they were logged; default those of `x`.
 
     Returns
     -------
@@ -305,7 +308,8 @@ def velocity_cutoff(x: np.ndarray, rate: float, noise: float = 0.01) -> float:
     if len(x) < 32:
         return 0.4 * rate
     frequency, density = spectrum(x, rate)
-    floor = np.maximum(noise_density(frequency, density), [quantisation_step(c) ** 2 / 6 / rate for c in x.T])
+    steps = quantisation_steps(x) if steps is None else steps
+    floor = np.maximum(noise_density(frequency, density), steps**2 / 6 / rate)
     speed = (2 * np.pi * frequency[:, None]) ** 2 * np.maximum(density - floor, 0)
     power = np.asarray(np.trapezoid(speed, frequency, axis=0))
     moving = moves(x, rate)
@@ -315,7 +319,7 @@ def velocity_cutoff(x: np.ndarray, rate: float, noise: float = 0.01) -> float:
     return float(min(np.median(limits), 0.4 * rate))
 
 
-def noise_floor(x: np.ndarray, rate: float, cutoff: float | None = None) -> np.ndarray:
+def noise_floor(x: np.ndarray, rate: float, cutoff: float | None = None, steps: np.ndarray | None = None) -> np.ndarray:
     """Estimate the standard deviation of each column's noise without a model, from its quiet upper spectrum.
 
     Parameters
@@ -326,6 +330,8 @@ def noise_floor(x: np.ndarray, rate: float, cutoff: float | None = None) -> np.n
         Hz.
     cutoff : float, optional
         Count only the noise below this frequency [Hz]; default all of it.
+    steps : ndarray, shape (width,), optional
+        In which the columns were logged; default those of `x`, which has none where it was interpolated.
 
     Returns
     -------
@@ -335,9 +341,14 @@ def noise_floor(x: np.ndarray, rate: float, cutoff: float | None = None) -> np.n
     if len(x) < 16:
         return np.zeros(x.shape[1])
     band = 0.5 * rate if cutoff is None else min(cutoff, 0.5 * rate)
-    steps = np.array([quantisation_step(column) for column in x.T])
+    steps = quantisation_steps(x) if steps is None else steps
     full = np.maximum(_white_std(x, rate), steps / np.sqrt(12))
     return full * np.sqrt(band / (0.5 * rate))
+
+
+def quantisation_steps(x: np.ndarray) -> np.ndarray:
+    """Give the `quantisation_step` of every column, shape (width,)."""
+    return np.array([quantisation_step(column) for column in x.T])
 
 
 def _white_std(x: np.ndarray, rate: float) -> np.ndarray:

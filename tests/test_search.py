@@ -14,7 +14,7 @@ from cdm_pin.model import load_model
 from cdm_pin.next_experiment import plan_next
 from cdm_pin.plant.draw import draw
 from cdm_pin.problem import make_problem
-from cdm_pin.recording import load_recording
+from cdm_pin.recording import Recording, load_recording
 from cdm_pin.selection import Search, Settings, all_candidates, rms
 from cdm_pin.signals_filters import differentiate, lowpass
 from cdm_pin.spectra import spectrum, stands_out, whitener_of
@@ -176,6 +176,51 @@ def test_what_clocks_and_derivatives_leave_is_no_effect(tmp_path):
     push = next(c for c in all_candidates(problem, ["external_torque"]))
     blow = replace(push, shape=(5.0, 5.0 + 0.5 / problem.band.cutoff, 0))
     assert not is_resolved(search, blow, np.array([100.0]))
+
+
+def coarse_recording(model, step=2 * np.pi / 2**12, duration=60.0, offset=0.0):
+    """Slow sines with a joint at rest, both encoders rounding down."""
+    rng, t = np.random.default_rng(0), np.arange(int(100 * duration)) / 100
+    w, phase = 2 * np.pi * np.array([0.03, 0.0, 0.045]), np.array([0.3, 1.0, 2.0])
+    wave = w * t[:, None] + phase
+    q, v, a = 0.8 * np.sin(wave), 0.8 * w * np.cos(wave), -0.8 * w**2 * np.sin(wave)
+    torque = model.motor_torque(inverse_dynamics(model, q, v, a))
+    torque += 3e-4 * np.std(torque) * rng.normal(size=torque.shape)
+    sides = {"joint_position": q + offset, "motor_position": model.motor_position(q)}
+    return Recording(t, {"motor_torque": torque} | {name: step * np.floor(x / step) for name, x in sides.items()})
+
+
+def test_accelerations_of_slow_motions_are_slow():
+    """Encoders too coarse for accelerations in the band: those that the torque does not hold are left out."""
+    model = load_model("urdf/planar3.yaml")
+    problem = make_problem(model, [coarse_recording(model)])
+    assert problem.band.slow < problem.band.cutoff
+    assert np.max(np.abs(problem.motions[0].a)) < 1.0
+
+
+def test_rounding_names_nothing():
+    """Encoders that round down and a joint at rest make no finding, no huge inertia; an offset of many steps shows."""
+    model = load_model("urdf/planar3.yaml")
+    problem = make_problem(model, [coarse_recording(model)])
+    search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
+    assert np.abs(search.fit([]).base).max() < 1e3
+    said = []
+    for offset in (0.0, np.array([0.02, 0.0, 0.0])):
+        found = diagnose(model, [coarse_recording(model, offset=offset)]).content["findings"]
+        said.append([(f["effect"], f["location"].get("index")) for f in found][:1])
+    assert said == [[], [("encoder_offset", 1)]]
+
+
+def test_a_delay_is_what_its_column_was_made_for(tmp_path):
+    """A small share of the column of a long delay would be a low-pass: the column is that of the delay itself."""
+    model, runs, _, truth = loaded_trial(tmp_path, 3, **CAPSTAN | {"effects": ["time_delay"], "visibility": 30.0})
+    problem = make_problem(model, runs)
+    search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
+    here = truth["effects"][0]["location"]
+    delay = next(c for c in all_candidates(problem, ["time_delay"]) if c.location == here)
+    found, score = search.refine(search.fit([]), delay)
+    assert found.shape[0] == pytest.approx(score.beta[0], rel=0.02)
+    assert score.beta[0] == pytest.approx(truth["effects"][0]["parameters"]["delay"], rel=0.3)
 
 
 def test_a_small_finding_cannot_exclude_its_refinements(tmp_path):

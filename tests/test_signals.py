@@ -102,6 +102,18 @@ def test_resampling_jittered_stamps():
     assert np.array_equal(resample_uniform(uniform, np.sin(uniform), 200.0)[1], np.sin(uniform))
 
 
+def test_steps_and_rest_outlive_jittered_stamps():
+    """Samples carried to a grid are as coarse as the rows were; an encoder at rest is as coarse, and rests exactly."""
+    rng = np.random.default_rng(0)
+    t, step = np.arange(2000) / 100 + 2e-3 * rng.uniform(-1, 1, 2000), 2 * np.pi / 2**12
+    q = np.stack([0.5 * np.sin(0.1 * t), np.full(2000, 0.4)], axis=1)
+    signals = prepare(Recording(t, {"joint_position": step * np.floor(q / step)}))
+    assert signals.steps["joint_position"] == pytest.approx([step, step], rel=1e-6)
+    assert np.all(signals.noise["joint_position"] > 0.99 * step / np.sqrt(12))
+    assert np.ptp(signals.channels["joint_position"][:, 1]) == 0.0
+    assert not signals.channels["joint_acceleration"][:, 1].any()
+
+
 @pytest.mark.parametrize("bits", [8, 12, 14, 17])
 def test_quantisation_step(bits):
     """An encoder's step is found to 1e-6, with an offset; a continuous column has none."""
