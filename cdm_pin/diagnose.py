@@ -362,6 +362,12 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
             unexplained = _nameless(explanation, only_loud=True)
             if unexplained is not None:  # nor can what happens once be confirmed then
                 stated = {j: v for j, v in stated.items() if explanation.found[j].candidate.effect.name not in ONCE}
+    for j, values in stated.items():
+        candidate, index = explanation.found[j].candidate, np.r_[betas[j], shapes[j]]
+        if candidate.effect.name == "joint_spring" and len(fit.beta[j]) == 2:
+            whole = covariance + fi.stiffening(search, fit, j, covariance)
+            values = fi.parameters(candidate, fit.beta[j], whole[np.ix_(index, index)])
+        stated[j] = fi.with_law_errors(search, candidate, values)
     items = [_finding(search, judge, explanation, j, values) for j, values in stated.items()]
     written = fitted if explanation.everywhere else stated  # also those whose names are not sure
     records = [
