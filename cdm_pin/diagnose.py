@@ -356,6 +356,8 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
                 stated = {j: v for j, v in stated.items() if explanation.found[j].candidate.effect.name not in ONCE}
     if unexplained is None and not stated:
         unexplained = swinging_torque(search)
+    for j, values in stated.items():
+        stated[j] = fi.with_law_errors(search, fit, j, covariance, np.r_[betas[j], shapes[j]], values)
     items = [_finding(search, judge, explanation, j, values) for j, values in stated.items()]
     written = fitted if explanation.everywhere else stated  # also those whose names are not sure
     records = [

@@ -80,12 +80,20 @@ class Place:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A physical parameter: name, unit, admissible range."""
+    """A physical parameter: name, unit, admissible range.
+
+    Attributes
+    ----------
+    error, error_unseen : float
+        Share of itself that it may be wrong by because its law is: with the cable's travel measured, and without.
+    """
 
     name: str
     unit: str
     lower: float = -np.inf
     upper: float = np.inf
+    error: float = 0.0
+    error_unseen: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -578,7 +586,7 @@ def _moved(motion: Motion, travel: Vector, i: int, torque: Vector | None) -> Col
         return Columns(
             torque[..., None] if torque is not None else None, x[..., None] if motion.motors_measured else None
         )
-    moved = motion.torque_change(-(x / motion.model.arm_scale) @ motion.model.joint_from_motor.T)
+    moved = motion.midway.torque_change(-(x / motion.model.arm_scale) @ motion.model.joint_from_motor.T)
     return Columns((moved + (torque if torque is not None else 0.0))[..., None])
 
 
@@ -601,12 +609,12 @@ def _map_torque(motion: Motion, i: int, k: int, slope: Vector | float) -> Vector
 
 def _ratio(motion: Motion, place: Place, shape: Shape) -> Columns:
     i, k = place.index
-    return _moved(motion, motion.q[:, k], i, _map_torque(motion, i, k, 1.0))
+    return _moved(motion, motion.joint_angles[:, k], i, _map_torque(motion, i, k, 1.0))
 
 
 def _eccentricity(motion: Motion, place: Place, shape: Shape) -> Columns:
     i, k = place.index
-    q = motion.q[:, k]
+    q = motion.joint_angles[:, k]
     return _stack(
         [
             _moved(motion, np.sin(q), i, _map_torque(motion, i, k, np.cos(q))),
@@ -615,22 +623,49 @@ def _eccentricity(motion: Motion, place: Place, shape: Shape) -> Columns:
     )
 
 
+LARGE_SLOPE = 0.4
+"""An estimated error of the cable map that is larger is none: columns are not taken about it."""
+
+
+def _wrong_map(travel: Callable[[Vector, Vector], tuple[Vector, Vector]]):
+    """Give what a known error of the cable map does to a motion, from its travel and slope at a joint's angles."""
+
+    def moves(motion: Motion, place: Place, beta: Vector) -> Motion:
+        i, k = place.index
+        E, scale = motion.model.joint_from_motor, motion.model.arm_scale
+        known = np.zeros_like(motion.q) if motion.shift is None else motion.shift
+        shift, own = known, np.zeros(motion.n)
+        q = motion.joint_angles[:, k] - known[:, k]
+        for _ in range(1 if motion.joints_measured else 4):
+            own, slope = travel(q + shift[:, k], beta)
+            shift = known - (own / scale[i])[:, None] * E[:, i]
+        if np.abs(slope).max() > LARGE_SLOPE:
+            return motion
+        errors = (*motion.map_errors, (i, k, slope))
+        return replace(motion, map_errors=errors, shift=None if motion.joints_measured else shift)
+
+    return moves
+
+
 def _elasticity(motion: Motion, place: Place, shape: Shape) -> Columns:
     i = place.index[0]
-    return _compliant(motion, i, motion.cable_torque[:, i])
+    return _compliant(motion, i, motion.cable_torque[:, i], 1.0)
 
 
-def _compliant(motion: Motion, i: int, travel: Vector) -> Columns:
-    """Columns of a travel per unit of compliance, and of damping in units of stiffness squared."""
+def _compliant(motion: Motion, i: int, travel: Vector, slope: Vector | float) -> Columns:
+    """Columns of a travel per unit of compliance, and of damping in units of stiffness squared.
+
+    `slope` is that of the travel over the cable's torque: a damper takes its part of the torque, and the travel falls
+    by `slope` times that. A rotor turns by the travel more than its joints; that takes torque where its acceleration
+    comes from theirs.
+    """
     from .signals_filters import differentiate
 
-    parts = [_moved(motion, travel, i, None)]
-    if motion.joints_measured:
-        parts.append(_moved(motion, -differentiate(travel, motion.rate), i, None))
-    else:
-        zero = np.zeros_like(parts[0].torque) if parts[0].torque is not None else None
-        parts.append(Columns(zero))
-    return _stack(parts)
+    speed, torque = differentiate(travel, motion.rate), None
+    if motion.joints_measured and motion.motors_measured:
+        turn = differentiate(speed, motion.rate) / motion.model.arm_scale[i]
+        torque = np.outer(turn, motion.model.rotor_inertia[i] * np.eye(motion.model.n_motors)[i])
+    return _stack([_moved(motion, travel, i, torque), _moved(motion, -slope * speed, i, None)])
 
 
 def _backlash(motion: Motion, place: Place, shape: Shape) -> Columns:
@@ -643,7 +678,8 @@ def _backlash(motion: Motion, place: Place, shape: Shape) -> Columns:
 def _slack(motion: Motion, place: Place, shape: Shape) -> Columns:
     i = place.index[0]
     load = motion.cable_torque[:, i]
-    return _compliant(motion, i, load + np.sign(load) * np.maximum(np.abs(load) - shape[0], 0.0))
+    travel = load + np.sign(load) * np.maximum(np.abs(load) - shape[0], 0.0)
+    return _compliant(motion, i, travel, np.where(np.abs(load) > shape[0], 2.0, 1.0))
 
 
 def _load_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
@@ -1075,7 +1111,11 @@ CATALOGUE: dict[str, Effect] = {
         ),
         Effect(
             "hysteresis",
-            (Parameter("stiffness", "N m/rad", 0.0), Parameter("limit", _NM, 0.0), Parameter("form", "1")),
+            (
+                Parameter("stiffness", "N m/rad", 0.0, error=0.05, error_unseen=0.05),
+                Parameter("limit", _NM, 0.0, error=0.008, error_unseen=0.008),
+                Parameter("form", "1"),
+            ),
             lambda model: rub_places(model) + pair_places(model),
             _hysteresis,
             _hysteresis_physical,
@@ -1120,7 +1160,10 @@ CATALOGUE: dict[str, Effect] = {
         ),
         Effect(
             "cable_elasticity",
-            (Parameter("stiffness", "N m/rad", 0.0), Parameter("damping", "N m s/rad", 0.0)),
+            (
+                Parameter("stiffness", "N m/rad", 0.0, error=0.003, error_unseen=0.04),
+                Parameter("damping", "N m s/rad", 0.0, error=0.05, error_unseen=0.3),
+            ),
             cable_places,
             _elasticity,
             _stiffness,
@@ -1135,7 +1178,7 @@ CATALOGUE: dict[str, Effect] = {
         ),
         Effect(
             "backlash",
-            (Parameter("half_gap", _RAD, 0.0),),
+            (Parameter("half_gap", _RAD, 0.0, error=0.002, error_unseen=0.03),),
             cable_places,
             _backlash,
             _named("half_gap"),
@@ -1150,9 +1193,9 @@ CATALOGUE: dict[str, Effect] = {
         Effect(
             "cable_slack",
             (
-                Parameter("torque", _NM, 0.0),
-                Parameter("stiffness", "N m/rad", 0.0),
-                Parameter("damping", "N m s/rad", 0.0),
+                Parameter("torque", _NM, 0.0, error=0.012, error_unseen=0.04),
+                Parameter("stiffness", "N m/rad", 0.0, error=0.003, error_unseen=0.04),
+                Parameter("damping", "N m s/rad", 0.0, error=0.05, error_unseen=0.3),
             ),
             cable_places,
             _slack,
@@ -1176,6 +1219,7 @@ CATALOGUE: dict[str, Effect] = {
             _named("relative_error"),
             exact=False,
             exact_travel=True,
+            moves=_wrong_map(lambda q, beta: (beta[0] * q, np.full_like(q, beta[0]))),
             error=0.08,
             follows=True,
             confounded=("torque_gain_error", "cable_elasticity", "pulley_eccentricity"),
@@ -1213,6 +1257,9 @@ CATALOGUE: dict[str, Effect] = {
             signs=(0, 0),
             exact=False,
             exact_travel=True,
+            moves=_wrong_map(
+                lambda q, b: (b[0] * np.sin(q) + b[1] * (np.cos(q) - 1.0), b[0] * np.cos(q) - b[1] * np.sin(q))
+            ),
             error=0.08,
             follows=True,
             confounded=("transmission_ratio_error", "torque_ripple"),
@@ -1322,7 +1369,11 @@ CATALOGUE: dict[str, Effect] = {
         ),
         Effect(
             "external_torque",
-            (Parameter("torque", _NM), Parameter("start", "s"), Parameter("end", "s")),
+            (
+                Parameter("torque", _NM, error=0.001, error_unseen=0.001),
+                Parameter("start", "s"),
+                Parameter("end", "s"),
+            ),
             joint_places,
             _external,
             lambda beta, shape: {
@@ -1439,11 +1490,22 @@ class Candidate:
 
 def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motion:
     """Give the motion with the torques that effects bring, for those other effects that depend on them."""
-    motion = replace(motion, offset=None, tilt=None)
+    motion = replace(motion, offset=None, tilt=None, extra_driven=None, shift=None, map_errors=())
     joint, motor = np.zeros_like(motion.q), np.zeros_like(motion.q_m)
+    moving = [(c, beta) for c, beta in effects if c.effect.moves is not None]
+    for candidate, beta in sorted(moving, key=lambda pair: pair[0].effect.follows):
+        motion = candidate.effect.moves(motion, candidate.place, beta)
+    driven = [] if motion.shift is None else [motion.midway.torque_change(motion.shift)]
+    for candidate, beta in moving:
+        if candidate.effect.follows:
+            continue
+        columns = candidate.columns(motion)
+        if columns.torque is not None:
+            k = min(len(beta), columns.torque.shape[2])
+            driven.append(columns.torque[..., :k] @ beta[:k])
+    if driven:
+        motion = replace(motion, extra_driven=np.sum(driven, axis=0))
     for candidate, beta in effects:
-        if candidate.effect.moves is not None:
-            motion = candidate.effect.moves(motion, candidate.place, beta)
         if not candidate.loads:
             continue
         columns = candidate.columns(motion)

@@ -144,11 +144,26 @@ def _unpatched(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[S
 
 
 def settled(search: Search, accepted: list[Candidate], rounds: int = 2) -> tuple[Search, list[Candidate]]:
-    """Take the columns of what was found about the completed model, and estimate all shapes together."""
+    """Take the columns of what was found about the completed model, and estimate all shapes together.
+
+    Where columns depend on what is estimated, that takes as many rounds as it changes by more than its errors.
+    """
     if accepted:
         search, accepted = _in_turn(search, accepted, rounds=rounds)
+        for _ in range(4 if any(c.effect.follows and not c.effect.exact for c in accepted) else 0):
+            before = search.fit(accepted)
+            search, accepted = _in_turn(search, accepted, rounds=1)
+            if not _has_moved(before, search.fit(accepted)):
+                break
         search = search.about(search.fit(accepted))
     return search, accepted
+
+
+def _has_moved(before: Fit, after: Fit, least: float = 0.3) -> bool:
+    """Whether any coefficient of a fit differs from that of another one by more than a share of its error."""
+    step = np.concatenate(after.beta) - np.concatenate(before.beta)
+    std = np.sqrt(np.diag(after.covariance)[-len(step) :])
+    return bool(np.any(np.abs(step) > least * np.maximum(std, 1e-300)))
 
 
 def _in_turn(

@@ -10,14 +10,28 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from .effects import CATALOGUE, Candidate, Effect, coupled_alike
+from .effects import CATALOGUE, Candidate, Columns, Effect, coupled_alike
 from .explain import Explanation, Found
 from .geometry import Vector
 from .model import CableModel
+from .motion import Motion
 from .selection import Fit, Score, Search
 from .whitening import log_p
 
 Location = dict[str, Any]
+
+
+def _all_columns(search: Search, fit: Fit) -> tuple[Vector, list[list[list[Vector]]]]:
+    """Whiten the columns of base parameters, coefficients and shapes; give the derivatives by the shapes, too."""
+    own = [search.columns(c) for c in fit.effects]
+    slopes = [search.slopes(c, b) for c, b in zip(fit.effects, fit.beta, strict=True)]
+    banks = []
+    for r in range(len(search.rigid)):
+        parts = [search.rigid[r]]
+        for columns, slope in zip(own, slopes, strict=True):
+            parts += [columns[r], *[s[r] for s in slope]]
+        banks.append(np.concatenate(parts))
+    return search.white(fit.whitener, banks), slopes
 
 
 def joint_covariance(search: Search, fit: Fit) -> tuple[Vector, list[slice], list[slice]]:
@@ -29,15 +43,7 @@ def joint_covariance(search: Search, fit: Fit) -> tuple[Vector, list[slice], lis
     beta, shape : list of slice
         Where each effect's coefficients and shape stand.
     """
-    own = [search.columns(c) for c in fit.effects]
-    slopes = [search.slopes(c, b) for c, b in zip(fit.effects, fit.beta, strict=True)]
-    banks = []
-    for r in range(len(search.rigid)):
-        parts = [search.rigid[r]]
-        for columns, slope in zip(own, slopes, strict=True):
-            parts += [columns[r], *[s[r] for s in slope]]
-        banks.append(np.concatenate(parts))
-    W = search.white(fit.whitener, banks)
+    W, slopes = _all_columns(search, fit)
     scale = np.linalg.norm(W, axis=1)
     scale[scale == 0] = np.inf
     information = (W / scale[:, None]) @ (W / scale[:, None]).T
@@ -48,6 +54,54 @@ def joint_covariance(search: Search, fit: Fit) -> tuple[Vector, list[slice], lis
         shapes.append(slice(start + len(b), start + len(b) + len(slope)))
         start += len(b) + len(slope)
     return covariance, betas, shapes
+
+
+def stiffening(search: Search, fit: Fit, j: int, covariance: Vector) -> Vector:
+    """Covariance of all parameters that a cubic term of spring `j`, taken to be linear, would bring.
+
+    It may be as large as the linear term at the end of the range, less as far as the data see it.
+    """
+    W = _all_columns(search, fit)[0]
+    candidate, beta = fit.effects[j], fit.beta[j]
+    rest = beta[1] / beta[0]
+
+    def cubic(motion: Motion) -> Columns:
+        s = candidate.place.along(motion.q, motion.q_m) - rest
+        return Columns(along=(s[None] ** 3, candidate.place.weights(motion.model)))
+
+    far = max(float(np.abs(candidate.place.along(m.q, m.q_m) - rest).max()) for m in search.problem.motions)
+    w = search.white(fit.whitener, [c.dense() for c in search.problem.reduce(cubic)])[0]
+    change = covariance @ (W @ w)
+    unseen = w - change @ W
+    return np.outer(change, change) / (unseen @ unseen + (far**2 / beta[0]) ** 2)
+
+
+def with_law_errors(
+    search: Search, fit: Fit, j: int, covariance: Vector, index: Vector, values: dict[str, dict[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """Add to the standard errors of effect `j` by how much parameters may be wrong because their laws are.
+
+    Parameters
+    ----------
+    search : Search
+    fit : Fit
+    j : int
+    covariance : ndarray
+        Of all parameters (`joint_covariance`).
+    index : ndarray of int
+        Where those of the effect stand.
+    values : dict
+        Parameters as estimated.
+    """
+    candidate = fit.effects[j]
+    if candidate.effect.name == "joint_spring" and len(fit.beta[j]) == 2:
+        whole = covariance + stiffening(search, fit, j, covariance)
+        values = parameters(candidate, fit.beta[j], whole[np.ix_(index, index)])
+    seen = search.problem.kinematic
+    shares = {p.name: p.error if seen else p.error_unseen for p in candidate.effect.parameters}
+    return {
+        name: v | {"std": float(np.hypot(v["std"], shares.get(name, 0.0) * v["value"]))} for name, v in values.items()
+    }
 
 
 def parameters(candidate: Candidate, beta: Vector, covariance: Vector) -> dict[str, dict[str, Any]]:

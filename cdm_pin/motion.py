@@ -45,6 +45,12 @@ class Motion:
         Known offsets of the joints' encoders [rad].
     tilt : tuple of float, optional
         Known tilt of the base, about the axes that `base_tilt` has [rad].
+    extra_driven : ndarray, shape (n, n_motors), optional
+        What known offsets, tilts and shifts change of the torque that the motors' cables carry [N m].
+    shift : ndarray, shape (n, n_joints), optional
+        How far known errors of the cable map move the joints from where the motors say they are [rad].
+    map_errors : tuple of (int, int, ndarray, shape (n,))
+        Known errors of the cable map: cable, joint, and how much more the cable runs per angle of that joint.
     """
 
     model: CableModel
@@ -64,6 +70,9 @@ class Motion:
     extra_motor: Vector | None = None
     offset: Vector | None = None
     tilt: tuple[float, ...] | None = None
+    extra_driven: Vector | None = None
+    shift: Vector | None = None
+    map_errors: tuple[tuple[int, int, Vector], ...] = ()
 
     @property
     def n(self) -> int:
@@ -106,7 +115,28 @@ class Motion:
     @cached_property
     def cable_torque(self) -> Vector:
         """Torque that cable i puts on link i, shape (n, n_motors) [N m]."""
-        return self.driven_torque / self.model.arm_scale
+        driven = self.driven_torque if self.extra_driven is None else self.driven_torque + self.extra_driven
+        torque = driven / self.model.arm_scale
+        for _ in range(4 if self.map_errors else 0):  # what a cable carries more changes what it takes from the others
+            changed = driven.copy()
+            for i, k, slope in self.map_errors:
+                changed -= (torque[:, i] * slope)[:, None] * self.model.joint_from_motor[k]
+            torque = changed / self.model.arm_scale
+        return torque
+
+    @cached_property
+    def joint_angles(self) -> Vector:
+        """Where the joints are by all that is known, shape (n, n_joints) [rad]."""
+        q = self.q if self.offset is None else self.q - self.offset
+        return q if self.shift is None else q + self.shift
+
+    @cached_property
+    def midway(self) -> Motion:
+        """The motion halfway between where the motors say that the joints are and where they are (`shift`)."""
+        if self.shift is None:
+            return self
+        d1, d2 = _derivatives(self.shift, self.rate)
+        return replace(self, q=self.q + 0.5 * self.shift, v=self.v + 0.5 * d1, a=self.a + 0.5 * d2, shift=None)
 
     def with_model(self, model: CableModel) -> Motion:
         """Give the same motion of a robot with other inertial parameters."""

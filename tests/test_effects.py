@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cdm_pin.completed import added_torque, effect_candidates, find_place
-from cdm_pin.effects import CATALOGUE, dahl, delayed, maxwell
+from cdm_pin.effects import CATALOGUE, Candidate, dahl, delayed, loaded, maxwell
 from cdm_pin.errors import ManipulatorError
 from cdm_pin.manipulator import with_effects
 from cdm_pin.model import build_model, load_model
@@ -154,6 +154,57 @@ def test_exact_effects_of_the_rigid_body(arm):
             model.gravity.linear = np.array([c * g[0] + s * g[1], -s * g[0] + c * g[1], g[2]])
             moved = motion.with_model(replace(arm, pin_model=model)).tau_m
         assert np.allclose((moved - motion.tau_m) / small, column, atol=2e-3 * np.abs(column).max())
+
+
+@pytest.mark.parametrize("sides", [(True, True), (False, True)], ids=["joints", "motors"])
+def test_a_wrong_cable_map_is_exact_about_itself(arm, sides):
+    """Once its size is known, a ratio error's torque is that of the cables that run so, not its first order."""
+    size, i, k = 0.08, 1, 1
+    motion = make_motion(arm, joints_measured=sides[0], motors_measured=sides[1])
+    effect = CATALOGUE["transmission_ratio_error"]
+    place = find_place(arm, effect, {"kind": "cable", "index": i + 1, "joint": k + 1})
+    candidate = Candidate(effect, place)
+    about = loaded(motion, [(candidate, np.array([size]))])
+    found = motion.tau_m + size * candidate.columns(about).torque[..., 0]
+    path = arm.arm_scale[:, None] * arm.motor_from_joint
+    path[i, k] += size
+    if sides[0]:
+        tau = motion.tau
+    else:
+        turn = np.linalg.solve(path, np.diag(arm.arm_scale) @ arm.motor_from_joint).T
+        tau = replace(motion, q=motion.q @ turn, v=motion.v @ turn, a=motion.a @ turn).tau
+    exact = arm.arm_scale * np.linalg.solve(path.T, tau.T).T
+    change = np.abs(exact - motion.tau_m).max()
+    assert np.abs(found - exact).max() < (1e-3 if sides[0] else 1e-2) * change
+
+
+def test_an_eccentric_pulley_turns_with_the_true_angle(arm):
+    """An offset of the joint's encoder does not turn the pulley."""
+    motion = make_motion(arm, motors_measured=True)
+    encoder, pulley = CATALOGUE["encoder_offset"], CATALOGUE["pulley_eccentricity"]
+    offset = Candidate(encoder, encoder.places(arm)[1])
+    about = loaded(motion, [(offset, np.array([0.05]))])
+    travel = pulley.columns(about, pulley.places(arm)[1], ()).kinematic[:, 1]
+    q = motion.q[:, 1] - 0.05
+    assert np.allclose(travel, np.stack([np.sin(q), np.cos(q) - 1.0], axis=1))
+
+
+def test_a_slack_cable_gives_twice_and_turns_its_rotor(arm):
+    """Where one strand hangs, a damper takes twice the travel; the rotor's acceleration has that of the travel."""
+    arm = replace(arm, rotor_inertia=np.full(arm.n_motors, 1e-3))
+    motion = make_motion(arm, motors_measured=True)
+    effect = CATALOGUE["cable_slack"]
+    load = motion.cable_torque[:, 0]
+    limit = float(np.median(np.abs(load)))
+    columns = effect.columns(motion, effect.places(arm)[0], (limit,))
+    travel, damper = columns.kinematic[:, 0].T
+    hangs = np.abs(load) > 1.05 * limit
+    speed = np.gradient(travel, 1 / motion.rate)
+    inside = slice(40, -40)
+    assert np.allclose(
+        damper[inside][hangs[inside]], -2 * speed[inside][hangs[inside]], atol=0.02 * np.abs(speed).max()
+    )
+    assert np.abs(columns.torque[:, 0, 0]).max() > 0.0
 
 
 def test_torque_changes_along_any_direction_alike(arm):
