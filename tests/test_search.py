@@ -226,7 +226,7 @@ def test_a_delay_is_what_its_column_was_made_for(tmp_path):
 def test_a_small_finding_cannot_exclude_its_refinements(tmp_path):
     """Friction of a few newton millimetres may as well depend on direction or load; a large one may not."""
     listed = []
-    for visibility in (9.0, 300.0):
+    for visibility in (8.0, 300.0):
         options = CAPSTAN | {"effects": ["coulomb_friction"], "visibility": visibility}
         model, runs, unseen, _ = loaded_trial(tmp_path / f"{visibility:g}", 5, **options)
         (finding,) = diagnose(model, runs, unseen).content["findings"]
