@@ -598,21 +598,37 @@ def _eccentricity(motion: Motion, place: Place, shape: Shape) -> Columns:
 
 
 def _elasticity(motion: Motion, place: Place, shape: Shape) -> Columns:
-    i = place.index[0]
-    return _compliant(motion, i, motion.cable_torque[:, i])
+    return _compliant(motion, place.index[0], lambda load: load)
 
 
-def _compliant(motion: Motion, i: int, travel: Vector) -> Columns:
-    """Columns of a travel per unit of compliance, and of damping in units of stiffness squared."""
+def _compliant(motion: Motion, i: int, stretch: Callable[[Vector], Vector]) -> Columns:
+    """Columns of a travel per unit of compliance, and of damping in units of stiffness squared.
+
+    Where the joints are measured the motor turns by the travel more than they say, and its rotor with it; of that the
+    torque tells the stated inertia over the stiffness.
+
+    Parameters
+    ----------
+    motion : Motion
+    i : int
+        Which cable.
+    stretch : callable
+        Torque of the cable -> travel.
+    """
     from .signals_filters import differentiate
 
-    parts = [_moved(motion, travel, i, None)]
-    if motion.joints_measured:
-        parts.append(_moved(motion, -differentiate(travel, motion.rate), i, None))
-    else:
-        zero = np.zeros_like(parts[0].torque) if parts[0].torque is not None else None
-        parts.append(Columns(zero))
-    return _stack(parts)
+    travel = stretch(motion.cable_torque[:, i])
+    if not motion.joints_measured:
+        known = _moved(motion, travel, i, None)
+        zero = np.zeros_like(known.torque) if known.torque is not None else None
+        return _stack([known, Columns(zero)])
+    rates = [stretch(motion.clear_torque[:, i])]
+    for _ in range(3):
+        rates.append(differentiate(rates[-1], motion.rate))
+    turned = np.zeros((2, motion.n, motion.model.n_motors))
+    turned[..., i] = motion.model.rotor_inertia[i] / motion.model.arm_scale[i] * np.array([rates[2], -rates[3]])
+    seen = (travel, -differentiate(travel, motion.rate))
+    return _stack([_moved(motion, x, i, torque) for x, torque in zip(seen, turned, strict=True)])
 
 
 def _backlash(motion: Motion, place: Place, shape: Shape) -> Columns:
@@ -623,19 +639,26 @@ def _backlash(motion: Motion, place: Place, shape: Shape) -> Columns:
 
 
 def _slack(motion: Motion, place: Place, shape: Shape) -> Columns:
-    i = place.index[0]
-    load = motion.cable_torque[:, i]
-    return _compliant(motion, i, load + np.sign(load) * np.maximum(np.abs(load) - shape[0], 0.0))
+    def stretch(load: Vector) -> Vector:
+        return load + np.sign(load) * np.maximum(np.abs(load) - shape[0], 0.0)
+
+    return _compliant(motion, place.index[0], stretch)
+
+
+def _greatest_load(motions: Sequence[Motion], place: Place) -> float:
+    load = np.concatenate([m.cable_torque[:, place.index[0]] for m in motions])
+    return float(np.quantile(np.abs(load), 0.99))
 
 
 def _load_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
-    load = np.abs(np.concatenate([m.cable_torque[:, place.index[0]] for m in motions]))
-    return [(float(x),) for x in np.quantile(load, [0.08, 0.22, 0.45, 0.7, 0.88]) if x > 0]
+    most = _greatest_load(motions, place)
+    return [(share * most,) for share in (0.1, 0.25, 0.45, 0.7, 0.9) if most > 0]
 
 
 def _load_bounds(motions: Sequence[Motion], place: Place) -> list[tuple[float, float]]:
-    grid = _load_grid(motions, place)
-    return [(0.3 * grid[0][0], 1.1 * grid[-1][0])] if grid else []
+    """Keep off both ends: with all loads beyond it or none, slack is elasticity."""
+    most = _greatest_load(motions, place)
+    return [(0.05 * most, 0.95 * most)] if most > 0 else []
 
 
 def _coupling_transition(motion: Motion, place: Place, shape: Shape, scale: float) -> list[Vector]:

@@ -227,3 +227,14 @@ def test_wrong_effects_are_refused(arm, record, words):
     """A misspelt effect or parameter is an error that names the nearest known one."""
     with pytest.raises(ManipulatorError, match=words):
         effect_candidates(build_model(with_effects(arm.manipulator, (record,))))
+
+
+def test_nothing_is_derived_from_noise(arm):
+    """Of the cables' torque that stays which stands clear of the encoders' noise."""
+    motion = make_motion(arm, inertia_noise=np.full(arm.n_motors, 2e-5))
+    noise = 1e-5 * np.random.default_rng(0).standard_normal(motion.a.shape)
+    shaken = replace(motion, a=motion.a + np.gradient(np.gradient(noise, motion.time, axis=0), motion.time, axis=0))
+    error, shake = (x - motion.cable_torque for x in (shaken.clear_torque, shaken.cable_torque))
+    inside = slice(100, -100)
+    assert np.all(np.std(error[inside], axis=0) < 0.1 * np.std(shake[inside], axis=0))
+    assert np.all(np.std(error[inside], axis=0) < 0.01 * np.std(motion.cable_torque, axis=0))
