@@ -648,24 +648,31 @@ def _wrong_map(travel: Callable[[Vector, Vector], tuple[Vector, Vector]]):
 
 
 def _elasticity(motion: Motion, place: Place, shape: Shape) -> Columns:
-    i = place.index[0]
-    return _compliant(motion, i, motion.cable_torque[:, i], 1.0)
+    return _compliant(motion, place.index[0])
 
 
-def _compliant(motion: Motion, i: int, travel: Vector, slope: Vector | float) -> Columns:
-    """Columns of a travel per unit of compliance, and of damping in units of stiffness squared.
+def _compliant(motion: Motion, i: int, slack: float = np.inf) -> Columns:
+    """Columns of a cable's travel per unit of compliance, and of damping in units of stiffness squared.
 
-    `slope` is that of the travel over the cable's torque: a damper takes its part of the torque, and the travel falls
-    by `slope` times that. A rotor turns by the travel more than its joints; that takes torque where its acceleration
-    comes from theirs.
+    Beyond the torque `slack` one strand hangs: travel grows twice as fast, and the damper takes twice the travel. Where
+    the joints are measured the motor turns by the travel more than they say, and its rotor with it; of that the torque
+    tells the stated inertia over the stiffness.
     """
     from .signals_filters import differentiate
 
-    speed, torque = differentiate(travel, motion.rate), None
-    if motion.joints_measured and motion.motors_measured:
-        turn = differentiate(speed, motion.rate) / motion.model.arm_scale[i]
-        torque = np.outer(turn, motion.model.rotor_inertia[i] * np.eye(motion.model.n_motors)[i])
-    return _stack([_moved(motion, travel, i, torque), _moved(motion, -slope * speed, i, None)])
+    load = motion.cable_torque[:, i]
+    slope = np.where(np.abs(load) > slack, 2.0, 1.0)
+
+    def stretch(load: Vector) -> Vector:
+        return load + np.sign(load) * np.maximum(np.abs(load) - slack, 0.0)
+
+    seen = [stretch(load), -slope * differentiate(stretch(load), motion.rate)]
+    if not motion.joints_measured:
+        return _stack([_moved(motion, x, i, None) for x in seen])
+    speed = differentiate(stretch(motion.clear_torque[:, i]), motion.rate)
+    turns = [differentiate(speed, motion.rate), -differentiate(slope * differentiate(speed, motion.rate), motion.rate)]
+    rotor = np.eye(motion.model.n_motors)[i] * motion.model.rotor_inertia[i] / motion.model.arm_scale[i]
+    return _stack([_moved(motion, x, i, np.outer(turn, rotor)) for x, turn in zip(seen, turns, strict=True)])
 
 
 def _backlash(motion: Motion, place: Place, shape: Shape) -> Columns:
@@ -676,20 +683,23 @@ def _backlash(motion: Motion, place: Place, shape: Shape) -> Columns:
 
 
 def _slack(motion: Motion, place: Place, shape: Shape) -> Columns:
-    i = place.index[0]
-    load = motion.cable_torque[:, i]
-    travel = load + np.sign(load) * np.maximum(np.abs(load) - shape[0], 0.0)
-    return _compliant(motion, i, travel, np.where(np.abs(load) > shape[0], 2.0, 1.0))
+    return _compliant(motion, place.index[0], shape[0])
+
+
+def _greatest_load(motions: Sequence[Motion], place: Place) -> float:
+    load = np.concatenate([m.cable_torque[:, place.index[0]] for m in motions])
+    return float(np.quantile(np.abs(load), 0.99))
 
 
 def _load_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
-    load = np.abs(np.concatenate([m.cable_torque[:, place.index[0]] for m in motions]))
-    return [(float(x),) for x in np.quantile(load, [0.08, 0.22, 0.45, 0.7, 0.88]) if x > 0]
+    most = _greatest_load(motions, place)
+    return [(share * most,) for share in (0.1, 0.25, 0.45, 0.7, 0.9) if most > 0]
 
 
 def _load_bounds(motions: Sequence[Motion], place: Place) -> list[tuple[float, float]]:
-    grid = _load_grid(motions, place)
-    return [(0.3 * grid[0][0], 1.1 * grid[-1][0])] if grid else []
+    """Keep off both ends: with all loads beyond it or none, slack is elasticity."""
+    most = _greatest_load(motions, place)
+    return [(0.05 * most, 0.95 * most)] if most > 0 else []
 
 
 def _coupling_transition(motion: Motion, place: Place, shape: Shape, scale: float) -> list[Vector]:

@@ -231,8 +231,9 @@ def _leaning(search: Search, fit: Fit, found: Found, small: float = 400.0, large
 
     One with more parameters leads by definition; it is a rival only if these gain more than noise would. A finding that
     is small by its statistic cannot exclude such a refinement, so AIC's penalty takes the place of BIC's there; a large
-    one can. In the order a refinement stands half way between the two penalties; the likeliest place of every effect
-    comes before the second one of any.
+    one can. So it is where the further parameter is none that could be zero, but one of a law of as many columns. In
+    the order a refinement stands half way between the two penalties; the likeliest place of every effect comes before
+    the second one of any.
     """
     out = []
     for rival, difference in found.rivals:
@@ -241,7 +242,8 @@ def _leaning(search: Search, fit: Fit, found: Found, small: float = 400.0, large
         more, rank = search.size(rival) - search.size(found.candidate), difference
         if more > 0:
             lead = difference + 0.5 * np.log(fit.n_rows) * more
-            if found.score.statistic < small:
+            alike = len(search.columns(rival)[0]) == len(search.columns(found.candidate)[0])
+            if alike or found.score.statistic < small:
                 difference = lead - more
             elif found.score.statistic > large or difference < -search.settings.close or lead < 2.0:
                 continue

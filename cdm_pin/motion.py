@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.fft import dst, idst
+from scipy.ndimage import uniform_filter1d
 
 from .cables import hinge_reaction
 from .dynamics import inverse_dynamics, joint_wrenches
@@ -14,6 +16,8 @@ from .model import CableModel
 
 MUCH = 2e7
 """Numbers that derivatives by all coordinates may take."""
+CLEAR = 10.0
+"""Power over that of the positions' noise from which a torque is known at a frequency."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,8 @@ class Motion:
         Of this recording [N].
     index : int
         Which recording it is.
+    inertia_noise : ndarray, shape (n_motors,), optional
+        Noise of positions, as if white, times the inertia that each motor feels; none if not given [N m s^2].
     extra_joint, extra_motor : ndarray, optional
         Torques beside the rigid body's, at the joints, shape (n, n_joints), and at the motors, shape (n, n_motors)
         [N m].
@@ -66,6 +72,7 @@ class Motion:
     velocity_noise: Vector
     pretension: float | None = None
     index: int = 0
+    inertia_noise: Vector | None = None
     extra_joint: Vector | None = None
     extra_motor: Vector | None = None
     offset: Vector | None = None
@@ -137,6 +144,21 @@ class Motion:
             return self
         d1, d2 = _derivatives(self.shift, self.rate)
         return replace(self, q=self.q + 0.5 * self.shift, v=self.v + 0.5 * d1, a=self.a + 0.5 * d2, shift=None)
+
+    @cached_property
+    def clear_torque(self) -> Vector:
+        """`cable_torque` at those frequencies at which it is known, shape (n, n_motors) [N m].
+
+        Elsewhere it is mostly the positions' noise, which the residual holds too and would seem to follow from it.
+        """
+        if self.inertia_noise is None:
+            return self.cable_torque
+        line = np.linspace(self.cable_torque[0], self.cable_torque[-1], self.n)
+        sines = dst((self.cable_torque - line)[1:-1], type=1, axis=0)
+        f = np.arange(1, self.n - 1)[:, None] * self.rate / (2 * (self.n - 1))
+        noise = 2 * (self.n - 1) * (self.inertia_noise / self.model.arm_scale * (2 * np.pi * f) ** 2) ** 2
+        known = uniform_filter1d(sines**2, 21, axis=0) > CLEAR * noise
+        return line + np.pad(idst(sines * known, type=1, axis=0), ((1, 1), (0, 0)))
 
     def with_model(self, model: CableModel) -> Motion:
         """Give the same motion of a robot with other inertial parameters."""

@@ -17,7 +17,7 @@ from .model import CableModel
 from .motion import Motion
 from .recording import Recording
 from .regressor import motor_regressor
-from .sensor_noise import SensorNoise, inertia_limit, position_noise, travel_noise
+from .sensor_noise import SensorNoise, inertia_limit, inertia_noise, position_noise, travel_noise
 from .signals import Signals, prepare
 from .signals_filters import differentiate, lowpass
 from .whitening import Lines, Segments
@@ -320,6 +320,7 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
         velocity_noise=noise,
         pretension=signals.recording.pretension or model.manipulator.pretension,
         index=index,
+        inertia_noise=inertia_noise(model, signals) if torque else None,
     )
     channels = [motor_torques(model, signals.logged)] if torque else []
     if torque and model.manipulator.effects:

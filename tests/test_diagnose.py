@@ -164,3 +164,26 @@ def test_the_band_passes_slow_motion_unchanged():
     ((start, stop),) = band.segments(np.ones(4000, bool))
     assert np.allclose(y[start:stop], x[:: band.step][start:stop], atol=5e-3)
     assert band.reduce(np.sin(2 * np.pi * 40.0 * t)[None])[0, start:stop].std() < 5e-3
+
+
+def test_joint_encoders_alone_show_an_elastic_cable(tmp_path):
+    """The rotor turns by the cable's stretch more than the joint says: its torque names the cable and sizes it."""
+    model, runs, unseen, truth, _ = blind(tmp_path, 3, ["cable_elasticity"], positions="joint", bits=17, noise="white")
+    content = diagnose(model, runs, unseen).content
+    (finding,), (effect,) = content["findings"], truth["effects"]
+    assert (finding["effect"], finding["location"]) == (effect["effect"], effect["location"])
+    i = effect["location"]["index"] - 1
+    stated = model.rotor_inertia[i] / truth["rotor_inertia"][i]  # the torque tells inertia over stiffness
+    assert finding["parameters"]["stiffness"]["value"] == pytest.approx(
+        stated * effect["parameters"]["stiffness"], rel=0.1
+    )
+
+
+def test_a_strand_that_always_hangs_is_slack(tmp_path):
+    """A cable whose load never falls to where its other strand pulls too is told from one of half the stiffness."""
+    model, runs, unseen, truth, _ = blind(
+        tmp_path, 20, ["cable_slack"], positions="both", bits=17, noise="white", size="quarter"
+    )
+    (finding,), (effect,) = diagnose(model, runs, unseen).content["findings"], truth["effects"]
+    assert (finding["effect"], finding["location"]) == (effect["effect"], effect["location"])
+    assert finding["parameters"]["torque"]["value"] == pytest.approx(effect["parameters"]["torque"], rel=0.05)

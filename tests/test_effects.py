@@ -292,3 +292,14 @@ def test_bearings_that_turn_alike_but_carry_different_torques_are_two_places():
     assert np.allclose(own, np.abs(motion.tau_m[:, 0]) * np.tanh(motion.v[:, 0] / 0.01))
     assert np.allclose(other, np.abs(motion.tau[:, 0]) * np.tanh(motion.v[:, 0] / 0.01))
     assert not np.allclose(own, other, rtol=0.02)
+
+
+def test_nothing_is_derived_from_noise(arm):
+    """Of the cables' torque that stays which stands clear of the encoders' noise."""
+    motion = make_motion(arm, inertia_noise=np.full(arm.n_motors, 2e-5))
+    noise = 1e-5 * np.random.default_rng(0).standard_normal(motion.a.shape)
+    shaken = replace(motion, a=motion.a + np.gradient(np.gradient(noise, motion.time, axis=0), motion.time, axis=0))
+    error, shake = (x - motion.cable_torque for x in (shaken.clear_torque, shaken.cable_torque))
+    inside = slice(100, -100)
+    assert np.all(np.std(error[inside], axis=0) < 0.1 * np.std(shake[inside], axis=0))
+    assert np.all(np.std(error[inside], axis=0) < 0.01 * np.std(motion.cable_torque, axis=0))
