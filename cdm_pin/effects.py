@@ -1502,11 +1502,11 @@ def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motio
     """Give the motion with the torques that effects bring, for those other effects that depend on them."""
     motion = replace(motion, offset=None, tilt=None, extra_driven=None, shift=None, map_errors=())
     joint, motor = np.zeros_like(motion.q), np.zeros_like(motion.q_m)
-    moving = [(c, beta) for c, beta in effects if c.effect.moves is not None]
-    for candidate, beta in sorted(moving, key=lambda pair: pair[0].effect.follows):
-        motion = candidate.effect.moves(motion, candidate.place, beta)
+    moving = [(c.effect.moves, c, beta) for c, beta in effects if c.effect.moves is not None]
+    for moves, candidate, beta in sorted(moving, key=lambda item: item[1].effect.follows):
+        motion = moves(motion, candidate.place, beta)
     driven = [] if motion.shift is None else [motion.midway.torque_change(motion.shift)]
-    for candidate, beta in moving:
+    for _, candidate, beta in moving:
         if candidate.effect.follows:
             continue
         columns = candidate.columns(motion)

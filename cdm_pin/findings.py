@@ -77,7 +77,7 @@ def stiffening(search: Search, fit: Fit, j: int, covariance: Vector) -> Vector:
 
 
 def with_law_errors(
-    search: Search, fit: Fit, j: int, covariance: Vector, index: Vector, values: dict[str, dict[str, Any]]
+    search: Search, fit: Fit, j: int, covariance: Vector, index: np.ndarray, values: dict[str, dict[str, Any]]
 ) -> dict[str, dict[str, Any]]:
     """Add to the standard errors of effect `j` by how much parameters may be wrong because their laws are.
 

@@ -154,11 +154,11 @@ class Motion:
         if self.inertia_noise is None:
             return self.cable_torque
         line = np.linspace(self.cable_torque[0], self.cable_torque[-1], self.n)
-        sines = dst((self.cable_torque - line)[1:-1], type=1, axis=0)
+        sines = np.asarray(dst((self.cable_torque - line)[1:-1], type=1, axis=0))
         f = np.arange(1, self.n - 1)[:, None] * self.rate / (2 * (self.n - 1))
         noise = 2 * (self.n - 1) * (self.inertia_noise / self.model.arm_scale * (2 * np.pi * f) ** 2) ** 2
         known = uniform_filter1d(sines**2, 21, axis=0) > CLEAR * noise
-        return line + np.pad(idst(sines * known, type=1, axis=0), ((1, 1), (0, 0)))
+        return line + np.pad(np.asarray(idst(sines * known, type=1, axis=0)), ((1, 1), (0, 0)))
 
     def with_model(self, model: CableModel) -> Motion:
         """Give the same motion of a robot with other inertial parameters."""
