@@ -26,7 +26,7 @@ from .replay_runs import replay_runs
 from .selection import Fit, ProgressCallback, Search, Settings, errors, rms
 from .unexplained import at_corrections, beyond_floor, nameless, noise_floor, swinging_torque, wandering_torque
 
-BLURRED = 0.25
+BLURRED = 0.15
 """Share of the torque that steps of encoders may make through accelerations."""
 ONCE = ("external_torque", "unnamed_time", "unnamed_wear", "unnamed_stiffening", "unnamed_gain_drift", "unnamed_tone")
 """What happens at a time of its own: another recording cannot judge it."""

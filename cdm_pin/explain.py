@@ -204,10 +204,10 @@ def _everything(search: Search, bank: Bank, say: Reporter) -> Explanation:
         leaders = [c for c, _, _ in _leaders(search, clear, bank, 40, accepted) if not c.effect.follows]
         leaders = [c for c in leaders if c.effect.name not in ("external_torque", "friction_drift")][:12]
         say.looked(clear, leaders)
-        winner = _winner(search, clear, leaders)
-        if winner is None or family_wise(search.score(fit, winner[0]), winner[0], 1e-3) > np.log(search.settings.alarm):
+        winner = _careful_winner(search, fit, clear, leaders)
+        if winner is None:
             break
-        accepted = [*accepted, winner[0]]
+        accepted = [*accepted, winner]
     accepted = needed(search, accepted)
     search = search.about(search.fit(accepted))
     bank = search.renewed(bank)
@@ -215,6 +215,19 @@ def _everything(search: Search, bank: Bank, say: Reporter) -> Explanation:
     found = [Found(c, search.score(search.without(fit, j), c), 0.0, 0.0) for j, c in enumerate(accepted)]
     say.looked(fit)
     return Explanation(tuple(found), fit, search.fit([], fit.whitener), bank, search, everywhere=True)
+
+
+def _careful_winner(search: Search, fit: Fit, clear: Fit, leaders: list[Candidate], most: int = 3) -> Candidate | None:
+    """Pick the best candidate that is significant with care too; the first few that are not keep no other one out."""
+    for _ in range(most):
+        winner = _winner(search, clear, leaders)
+        if winner is None:
+            return None
+        candidate = winner[0]
+        if family_wise(search.score(fit, candidate), candidate, 1e-3) <= np.log(search.settings.alarm):
+            return candidate
+        leaders = [c for c in leaders if c.key != candidate.key]
+    return None
 
 
 def unnamed(search: Search, bank: Bank, accepted: list[Candidate]) -> Candidate | None:
