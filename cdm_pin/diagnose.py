@@ -331,8 +331,10 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
     for j in named:
         found = explanation.found[j]
         index = np.r_[betas[j], shapes[j]]
-        values = fi.parameters(found.candidate, fit.beta[j], covariance[np.ix_(index, index)])
-        sure = fi.is_known(values) and fi.is_admissible(found.candidate.effect, values) and found.gain >= 5.0
+        spread = covariance[np.ix_(index, index)]
+        values = fi.parameters(found.candidate, fit.beta[j], spread)
+        known = fi.is_known(values, found.candidate, fit.beta[j], spread)
+        sure = known and fi.is_admissible(found.candidate.effect, values) and found.gain >= 5.0
         if sure and fi.is_above_steps(search, found.candidate, values):
             stated[j] = values
         fitted[j] = values

@@ -146,12 +146,19 @@ SHAPES = ("phase", "cycles", "form", "ratio", "stribeck_velocity", "time_constan
 """Parameters that say what an effect looks like, not how large it is."""
 
 
-def is_known(values: dict[str, dict[str, Any]], least: float = 2.0) -> bool:
-    """Whether any parameter that says how large an effect is differs from zero (a gain from one)."""
+def is_known(
+    values: dict[str, dict[str, Any]], candidate: Candidate, beta: Vector, covariance: Vector, least: float = 2.0
+) -> bool:
+    """Whether any parameter that says how large an effect is, or any coefficient, differs from zero (a gain from one).
+
+    Two effects at one place may share a level that neither has alone; what tells them apart is known all the same.
+    """
     sizes = [
         abs(v["value"] - (name == "gain")) / max(v["std"], 1e-300) for name, v in values.items() if name not in SHAPES
     ]
-    return max(sizes, default=0.0) > least
+    own = len(candidate.effect.signs)  # without what details the sign of a velocity
+    std = np.sqrt(np.maximum(np.diag(covariance)[:own], 1e-300))
+    return max([*sizes, *(np.abs(beta[:own]) / std)], default=0.0) > least
 
 
 def is_above_steps(search: Search, candidate: Candidate, values: dict[str, dict[str, Any]]) -> bool:
