@@ -458,7 +458,9 @@ def _capstan(motion: Motion, place: Place, shape: Shape) -> Columns:
     wrap = 2 * pulleys.wrap_half_angle[k]
     load = motion.cable_torque[:, i]
     pull = motion.pretension or 0.0
-    f = 2 * r * pull * wrap - load * motion.q[:, k]
+    f = 2 * r * pull * wrap - load * motion.q[:, k]  # at the pulley of joint i
+    if not any(place.A):  # felt by the motor alone, over its own pulley
+        f = f * motion.model.arm_scale[i]
     return _rub(motion, place, f * _sign(motion, place, shape))
 
 

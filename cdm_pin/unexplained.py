@@ -11,9 +11,13 @@ import numpy as np
 from .effects import Candidate, Place, axis_places
 from .explain import Explanation, Found, is_loud, unnamed
 from .geometry import Vector
+from .measured import both_positions
 from .model import CableModel
+from .motion import Motion
+from .problem import Run
 from .regions import change_time
 from .selection import Fit, Search, rms
+from .signals_filters import differentiate, lowpass
 from .spectra import tone_peaks, wandering
 
 WANDERING = 300.0
@@ -147,11 +151,19 @@ def _place_along(direction: Vector, model: CableModel) -> dict[str, Any]:
     return max(axis_places(model), key=along).location
 
 
+def _quick(run: Run, cutoff: float) -> Motion:
+    """Give the motion of a run with accelerations up to a frequency [Hz]."""
+    model, rate = run.motion.model, run.signals.rate
+    q, q_m = (lowpass(x, rate, cutoff) for x in both_positions(model, run.signals.logged))
+    a, a_m = (differentiate(differentiate(x, rate), rate) for x in (q, q_m))
+    return replace(run.motion, a=a, a_m=a_m)
+
+
 def swinging_torque(search: Search) -> dict[str, Any] | None:
     """Say where a torque swings at a frequency of its own above the band; None where it does not.
 
-    It is looked for in what the model leaves of the torques at the full rate, as far up as the motion is known; the
-    line has to be there in both halves of a recording.
+    It is looked for in the torques at the full rate. The motion at that frequency must not explain it, and it has to be
+    alike in both halves of a recording.
     """
     problem, m = search.problem, search.problem.model.n_motors
     if not problem.torque:
@@ -164,15 +176,18 @@ def swinging_torque(search: Search) -> dict[str, Any] | None:
         start, middle, stop = (k * problem.band.step for k in (start, (start + stop) // 2, stop))
         if middle - start < 256:
             continue
-        e = (run.data[:m] - run.motion.logged_torque.T)[:, start:stop]
-        t = run.motion.time[start:stop]
-        for x in e:
-            for frequency, height in tone_peaks(x, rate, 0.9 * problem.band.cutoff, high, 1, best).items():
-                turn = np.exp(-2j * np.pi * frequency * t)
-                halves = [e[:, part] @ turn[part] / part.size for part in np.array_split(np.arange(len(t)), 2)]
-                whole = 0.5 * (halves[0] + halves[1])
-                if np.linalg.norm(halves[0] - halves[1]) < 0.5 * np.linalg.norm(whole):
-                    best, told = height, (frequency, 2.0 * whole)
+        t, y = run.motion.time[start:stop], run.data[:m, start:stop]
+        lines = [tone_peaks(x, rate, 0.9 * problem.band.cutoff, high, 1, best) for x in y]
+        if not any(lines):
+            continue
+        e = y - _quick(run, min(2.0 * high, 0.45 * rate)).logged_torque.T[:, start:stop]
+        for found in lines:
+            for frequency, height in found.items():
+                turn = 2.0 * np.exp(-2j * np.pi * frequency * t)
+                early, late = (e[:, part] @ turn[part] / part.size for part in np.array_split(np.arange(len(t)), 2))
+                size, spread = np.linalg.norm(0.5 * (early + late)), np.linalg.norm(early - late)
+                if height > best and size > 0.5 * np.linalg.norm(y @ turn) / len(t) and spread < 0.5 * size:
+                    best, told = height, (frequency, 0.5 * (early + late))
     if told is None:
         return None
     frequency, amplitude = told
