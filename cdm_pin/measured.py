@@ -16,6 +16,6 @@ def both_positions(model: CableModel, logged: Mapping[str, Vector]) -> tuple[Vec
     return model.joint_position(logged["motor_position"]), logged["motor_position"]
 
 
-def motor_torques(model: CableModel, logged: Mapping[str, Vector]) -> Vector:
+def measured_torques(model: CableModel, logged: Mapping[str, Vector]) -> Vector:
     """Give the motor torques as logged, or as they follow from the joint torques by E."""
     return logged["motor_torque"] if "motor_torque" in logged else model.motor_torque(logged["joint_torque"])

@@ -20,7 +20,7 @@ from .completed import added_torque
 from .effects import CATALOGUE, Columns, speed_scale
 from .errors import RecordingError
 from .geometry import Vector
-from .measured import both_positions, motor_torques
+from .measured import both_positions, measured_torques
 from .model import CableModel
 from .motion import Motion
 from .recording import Recording
@@ -106,7 +106,7 @@ def observe(plan: Plan, recording: Recording) -> Observation:
     still_m = (np.std(motion.q_m, axis=0) < STILL * sigma_m + 1e-9) | _rests(motion.q_m, linear_motors(plan.model))
     valid = whole(signals.valid, 5 + int(4 * signals.rate / light_cutoff(signals, band.cutoff)))
     left_out = {"in gaps and at the ends": int((~valid).sum())} if not valid.all() else {}
-    torque = motor_torques(plan.model, signals.logged)
+    torque = measured_torques(plan.model, signals.logged)
     for reason, bad in _outside(motion, lowpass(torque, signals.rate, band.cutoff)).items():
         if (bad & valid).any():
             left_out[reason] = int((bad & valid).sum())

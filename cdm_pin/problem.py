@@ -12,7 +12,7 @@ from .band import Band, make_band
 from .effects import Candidate, Columns, loaded
 from .geometry import Vector
 from .inertia_band import LOWEST, inertia_cutoff
-from .measured import both_positions, motor_torques
+from .measured import both_positions, measured_torques
 from .model import CableModel
 from .motion import Motion
 from .recording import Recording
@@ -322,7 +322,7 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
         index=index,
         inertia_noise=inertia_noise(model, signals) if torque else None,
     )
-    channels = [motor_torques(model, signals.logged)] if torque else []
+    channels = [measured_torques(model, signals.logged)] if torque else []
     if torque and model.manipulator.effects:
         from .completed import added_torque
 

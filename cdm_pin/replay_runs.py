@@ -10,7 +10,7 @@ from .consistency import consistent_standard
 from .dynamics import mass_matrix
 from .errors import CdmError
 from .geometry import Manipulator
-from .measured import motor_torques
+from .measured import measured_torques
 from .model import CableModel, build_model
 from .replay import MOST, Replay
 from .replay import replay as run_again
@@ -56,7 +56,7 @@ def replay_runs(
             plain,
             whole,
             run.motion,
-            motor_torques(plain, run.signals.logged),
+            measured_torques(plain, run.signals.logged),
             run.signals.valid,
             horizon=horizon,
             most=most,

@@ -10,7 +10,7 @@ import numpy as np
 from .band import Band
 from .dynamics import inverse_dynamics
 from .geometry import Vector
-from .measured import both_positions, motor_torques
+from .measured import both_positions, measured_torques
 from .model import CableModel
 from .signals import Signals
 from .signals_filters import differentiate, lowpass, noise_floor
@@ -44,7 +44,7 @@ class SensorNoise:
             share = np.sqrt(min(1.0, 2 * self.band.cutoff / signals.rate))
             white = inertia_noise(self.model, signals) * share * (2 * np.pi * self.band.cutoff) ** 2 / np.sqrt(5)
             steps = _torque_steps(self.model, signals)
-            own = noise_floor(motor_torques(self.model, signals.logged), signals.rate, self.band.cutoff, steps)
+            own = noise_floor(measured_torques(self.model, signals.logged), signals.rate, self.band.cutoff, steps)
             parts.append(np.hypot(own, np.maximum(white, rounding)))
         return np.max(parts, axis=0)
 
@@ -84,7 +84,7 @@ class SensorNoise:
 
 def inertia_limit(model: CableModel, signals: Signals) -> float:
     """Give the frequency [Hz] above which the noise of positions, through the inertia, exceeds that of torque."""
-    tau = noise_floor(motor_torques(model, signals.logged), signals.rate, steps=_torque_steps(model, signals))
+    tau = noise_floor(measured_torques(model, signals.logged), signals.rate, steps=_torque_steps(model, signals))
     moved = inertia_noise(model, signals)
     felt = moved > 0.0  # by a motor that moves no inertia nothing is told
     ratio = np.median(tau[felt] / moved[felt]) if felt.any() else np.inf

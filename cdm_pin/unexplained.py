@@ -94,8 +94,8 @@ def beyond_floor(search: Search, judge: Search | None, explanation: Explanation)
     limit = 2.0 if search.problem.torque else 1.5
     fit, both = explanation.fit, [search] if judge is None else [search, judge]
     rests = [there.left_over(fit.effects, smooth=False)[1].rms for there in both]
-    sensed = np.max([there.problem.sensed for there in both], axis=0)
-    floors = [np.hypot(np.maximum(noise_floor(there, fit.effects), sensed), _accuracy(there, fit)) for there in both]
+    least = np.max([np.maximum(x.problem.sensed, x.settings.torque_error * x.loads) for x in both], axis=0)
+    floors = [np.hypot(np.maximum(noise_floor(there, fit.effects), least), _accuracy(there, fit)) for there in both]
     ratios = np.divide(rests, floors)
     rest, ratio = rests[0], np.maximum(np.min(ratios, axis=0), 0.5 * ratios[-1] * (judge is not None))
     worst = int(np.argmax(ratio))
@@ -136,6 +136,8 @@ def wandering_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     if not slow:
         return None
     both = np.concatenate(slow, axis=1)
+    if np.all(np.sqrt(np.mean(both**2, axis=1)) < search.settings.torque_error * search.loads[:m]):
+        return None
     place = _place_along(np.linalg.svd(both, full_matrices=False)[0][:, 0], model)
     words = f"torque on {place['kind']} {place['index']} that wanders slowly with time"
     return something(place["kind"], place["index"], words, float(np.sqrt(np.mean(np.sum(both**2, axis=0)))))
