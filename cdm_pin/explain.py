@@ -571,7 +571,7 @@ def _merge(search: Search, bank: Bank, accepted: list[Candidate], whitener: Whit
             both = 0.5 * pair - 0.5 * np.log(without.n_rows) * k
             leaders = _leaders(search, without, bank, 4, others, instead=[accepted[i], accepted[j]])
             single = _winner(search, without, [c for c, _, _ in leaders])
-            slack = 0.02 * min(_alone(search, accepted, x, whitener) for x in (i, j))
+            slack = max(search.settings.close, 0.02 * min(_alone(search, accepted, x, whitener) for x in (i, j)))
             if single is not None and gain(search, without, *single) >= both - slack:
                 return [*others, single[0]]
     return accepted

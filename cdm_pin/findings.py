@@ -214,7 +214,7 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
             out.append(entry)
 
     slack = 0.5 * settings.law_error**2 * found.score.statistic
-    for rival, difference in _leaning(search, explanation.fit, found):
+    for rival, difference in _leaning(search, without, found):
         if difference > -max(settings.close, slack):
             add(rival.effect.name, rival.location)
         elif difference > -0.1 * found.gain - 30 and (
@@ -233,34 +233,36 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
     return out
 
 
-def _leaning(search: Search, fit: Fit, found: Found, small: float = 400.0, large: float = 2000.0):
-    """List the named rivals that the data lean to, with their lead in log-likelihood, the likeliest first.
+def _leaning(search: Search, without: Fit, found: Found) -> list[tuple[Candidate, float]]:
+    """List the named rivals with how much likelier than the finding they are, in log-likelihood; the likeliest first.
 
-    One with more parameters leads by definition; it is a rival only if these gain more than noise would. A finding that
-    is small by its statistic cannot exclude such a refinement, so AIC's penalty takes the place of BIC's there; a large
-    one can. So it is where the further parameter is none that could be zero, but one of a law of as many columns. In
-    the order a refinement stands half way between the two penalties; the likeliest place of every effect comes before
-    the second one of any.
+    The likeliest place of every effect comes before the second one of any.
     """
-    out = []
-    for rival, difference in found.rivals:
-        if not rival.named:
-            continue
-        more, rank = search.size(rival) - search.size(found.candidate), difference
-        if more > 0:
-            lead = difference + 0.5 * np.log(fit.n_rows) * more
-            alike = len(search.columns(rival)[0]) == len(search.columns(found.candidate)[0])
-            if alike or found.score.statistic < small:
-                difference = lead - more
-            elif found.score.statistic > large or difference < -search.settings.close or lead < 2.0:
-                continue
-        out.append((0.5 * (rank + difference), rival, difference))
+    own = found.candidate
+    torque = search.score(without, own).beta @ search.white(without.whitener, search.columns(own))
+    evidence = _evidence(search, without, own, float(torque @ torque))
+    rivals = [c for c, _ in found.rivals if c.named]
+    differences = [_evidence(search, without, c, float(torque @ torque)) - evidence for c in rivals]
     turn = Counter[str]()
     order = []
-    for _, rival, difference in sorted(out, key=lambda item: -item[0]):
-        turn[rival.effect.name] += 1
-        order.append((turn[rival.effect.name], rival, difference))
-    return [(rival, difference) for _, rival, difference in sorted(order, key=lambda item: item[0])]
+    for difference, i in sorted((-d, i) for i, d in enumerate(differences)):
+        turn[rivals[i].effect.name] += 1
+        order.append((turn[rivals[i].effect.name], difference, i))
+    return [(rivals[i], -difference) for _, difference, i in sorted(order)]
+
+
+def _evidence(search: Search, without: Fit, candidate: Candidate, size: float) -> float:
+    """Give the log-likelihood that a candidate gains, less what its parameters could have fitted of anything.
+
+    Before the data are seen, each coefficient may bring a torque as large as that which is explained, `size`, the
+    whitened sum of squares: a refinement that the data hardly see costs nothing, one that they would see well costs as
+    much as it could have been off. What is estimated of the shape counts as it does in Akaike's criterion.
+    """
+    columns = search.white(without.whitener, search.columns(candidate))
+    norm = np.linalg.norm(columns, axis=1, keepdims=True)
+    left = without.rest(np.divide(columns, norm, out=np.zeros_like(columns), where=norm > 0))
+    room = float(np.linalg.slogdet(np.eye(len(left)) + size * left @ left.T)[1])
+    return 0.5 * search.score(without, candidate).statistic - 0.5 * room - candidate.extra
 
 
 @lru_cache(maxsize=4096)
