@@ -14,7 +14,7 @@ from .base import base_parameters, massive_columns
 from .consistency import nearest_standard
 from .effects import STOPS, Candidate
 from .everywhere import agreements, confirmed
-from .explain import Explanation, Found, explain, explained, is_loud, patch
+from .explain import Explanation, Found, asked_but_for_laws, explain, explained, is_loud, patch, settled
 from .geometry import Manipulator, Vector, frozen_array
 from .model import CableModel
 from .next_experiment import Experiment, plan_next
@@ -24,7 +24,16 @@ from .regions import region
 from .replay import Replay, simulated_position
 from .replay_runs import replay_runs
 from .selection import Fit, ProgressCallback, Search, Settings, errors, rms
-from .unexplained import at_corrections, beyond_floor, nameless, noise_floor, swinging_torque, wandering_torque
+from .unexplained import (
+    at_corrections,
+    beyond_floor,
+    beyond_training,
+    nameless,
+    noise_floor,
+    swinging_torque,
+    wandering_torque,
+)
+from .unseen import deviance_unseen, stacked, updated
 
 BLURRED = 0.15
 """Share of the torque that steps of encoders may make through accelerations."""
@@ -127,14 +136,44 @@ def diagnose(
 
 def _validated(seen: Problem | None, explanation: Explanation) -> tuple[Search | None, Explanation]:
     """Keep of an explanation what the unseen recordings confirm; give the search on them, about the same model, too."""
-    search, fit = explanation.search, explanation.fit
-    judge = None
-    if seen is not None:
-        pairs = list(zip(fit.effects, fit.beta, strict=True))
-        judge = search.judge(seen.with_model(search.problem.model).with_loads(pairs))
+    judge = _judge(seen, explanation)
     if explanation.everywhere:
         return judge, _weighed(judge, explanation)
-    return judge, explanation if judge is None else _judged(judge, explanation)
+    if judge is None:
+        return judge, explanation
+    more = _seconded(judge, explanation)
+    if more is not explanation:
+        judge, explanation = _judge(seen, more), more
+    return judge, _judged(judge, explanation)
+
+
+def _judge(seen: Problem | None, explanation: Explanation) -> Search | None:
+    """Give the search on the unseen recordings, about the model of an explanation; None where there are none."""
+    if seen is None:
+        return None
+    search, fit = explanation.search, explanation.fit
+    pairs = list(zip(fit.effects, fit.beta, strict=True))
+    return search.judge(seen.with_model(search.problem.model).with_loads(pairs))
+
+
+def _seconded(judge: Search, explanation: Explanation, most: int = 8) -> Explanation:
+    """Add what errors of the found laws could explain in the training, but without which the unseen recordings fail.
+
+    Where their whitened errors are far above the noise, beyond what the training leaves uncertain, and one effect that
+    the training asks for takes at least half of the excess away, no error of a law does as much.
+    """
+    search, fit = explanation.search, explanation.fit
+    rows = judge.body(fit.whitener).data.size
+    own = deviance_unseen(judge, fit)
+    if not fit.effects or own < 4.0 * rows:
+        return explanation
+    effects = list(fit.effects)
+    candidates = asked_but_for_laws(search, explanation.bank, effects, most)
+    worth = [deviance_unseen(judge, search.fit([*effects, c], fit.whitener)) for c in candidates]
+    if min(worth, default=own) > 0.5 * (own + rows):
+        return explanation
+    search, accepted = settled(search, [*effects, candidates[int(np.argmin(worth))]])
+    return explained(search, search.renewed(explanation.bank), accepted)
 
 
 def _judged(judge: Search, explanation: Explanation) -> Explanation:
@@ -186,9 +225,9 @@ def _reconsidered(judge: Search, explanation: Explanation) -> Explanation:
         others = [f.candidate for i, f in enumerate(explanation.found) if i != j]
         if not near:
             continue
-        own = _unseen(judge, search.fit([*others, found.candidate], whitener))
+        own = deviance_unseen(judge, search.fit([*others, found.candidate], whitener))
         for rival, difference in near:
-            other = _unseen(judge, search.fit([*others, rival], whitener))
+            other = deviance_unseen(judge, search.fit([*others, rival], whitener))
             scale = max(min(own, other) / max(judge.body(whitener).data.size, 1), 1.0)
             better = other < own if not found.candidate.named else difference + 0.5 * (own - other) / scale > 10.0
             if better:
@@ -270,42 +309,11 @@ def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
     )
     if with_it < 0.1 * without_it:
         return True
-    change = [a - b for a, b in zip(_stacked(judge, fit), _stacked(judge, without), strict=True)]
-    due = _updated(judge, without, change)[0]
-    if _unseen(judge, without) - _unseen(judge, fit) < max(3.0 * found.candidate.named, 0.1 * due):
+    change = [a - b for a, b in zip(stacked(judge, fit), stacked(judge, without), strict=True)]
+    due = updated(judge, without, change)[0]
+    if deviance_unseen(judge, without) - deviance_unseen(judge, fit) < max(3.0 * found.candidate.named, 0.1 * due):
         return False
     return with_it < 1.01 * without_it or with_it > 9.0 * len(level)
-
-
-def _unseen(judge: Search, fit: Fit) -> float:
-    """Twice the negative logarithm of how likely the unseen recordings are after a fit, up to a constant."""
-    return sum(_updated(judge, fit, _stacked(judge, fit)))
-
-
-def _updated(judge: Search, fit: Fit, series: Sequence[Vector]) -> tuple[float, float]:
-    """Sum the squares of whitened series after what a fit leaves uncertain, and drifting zeros, are taken out.
-
-    Parameters move as far as their covariance allows; the second value is the logarithm of how much room they have.
-    """
-    own = [judge.columns(c) for c in fit.effects]
-    banks = [
-        np.concatenate([judge.rigid[r], *[columns[r] for columns in own], judge.drifts[r], x])
-        for r, x in enumerate(series)
-    ]
-    W = judge.white(fit.whitener, banks)
-    k = len(fit.covariance)
-    values, vectors = np.linalg.eigh(fit.covariance)
-    X, drift, b = (vectors * np.sqrt(np.maximum(values, 0.0))).T @ W[:k], W[k:-1].T, W[-1]
-    scale = np.linalg.norm(drift, axis=0)
-    Q = np.linalg.qr(drift[:, scale > 0] / scale[scale > 0])[0]
-    X, b = X - (X @ Q) @ Q.T, b - Q @ (Q.T @ b)
-    room = np.eye(k) + X @ X.T
-    moved = X @ b
-    return float(b @ b - moved @ np.linalg.solve(room, moved)), float(np.linalg.slogdet(room)[1])
-
-
-def _stacked(judge: Search, fit: Fit) -> list[Vector]:
-    return [e[None] for e in errors(judge, fit.base, fit.effects, fit.beta)]
 
 
 def _fit_content(search: Search, rigid: Fit, fit: Fit, judged: Search) -> dict[str, Any]:
@@ -351,7 +359,7 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
             stated = {j: stated[j] for j in sure}
         if explanation.everywhere:
             unexplained = nameless(explanation) or unexplained
-        unexplained = unexplained or wandering_torque(search, fit)
+        unexplained = unexplained or wandering_torque(search, fit) or beyond_training(judge, fit)
         if disputed and unexplained is None:
             unexplained = nameless(explanation, only_loud=True)
             if unexplained is not None:  # nor can what happens once be confirmed then

@@ -542,10 +542,10 @@ def at_known_place(candidate: Candidate, model: CableModel, alike: float = 0.999
     if not candidate.place.is_pair:
         return candidate
     pair, shape = paired(candidate.place, candidate.shape)
-    w = np.array(pair.B)
+    w, possible = np.array(pair.B), candidate.effect.places(model)
     for place in rub_places(model):
         own = place.weights(model)
-        if parallel(own, w, alike):
+        if place in possible and parallel(own, w, alike):
             scale = float(np.linalg.norm(own) / np.linalg.norm(w))
             return replace(candidate, place=place, shape=(*(x * scale for x in shape[:1]), *shape[1:]))
     return candidate

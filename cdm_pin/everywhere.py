@@ -17,6 +17,8 @@ from .effects import CATALOGUE, Candidate, axis_places, joint_places, parallel
 from .selection import Bank, Fit, Search
 
 FRICTION = ("viscous_friction", "coulomb_friction", "torque_offset")
+LOUD = 170.0
+"""Fall of the whitened sum of squares by the friction of one axis that is many times any threshold."""
 SLIP = 0.03
 """Distance of the middle element of a hysteresis, over the range of its coordinate."""
 
@@ -31,15 +33,17 @@ def rubs_everywhere(search: Search, bank: Bank, found: Sequence[Candidate], leas
     if not search.problem.torque or len(axes) < least:
         return False
     common = at_all_axes(search, FRICTION)
-    found = [c for c in found if not _rubs(c)]
+    all_found, found = found, [c for c in found if not _rubs(c)]
     clear = search.clear([*found, *common])
     whole = search.fit([*found, *common], clear).deviance
+    if search.fit(all_found, clear).deviance < whole + LOUD:
+        return False
     worth = []
     for place in axes:
         rest = [c for c in common if c.place.location != place.location or c.effect.name == "torque_offset"]
         worth.append(max(search.fit([*found, *rest], clear).deviance - whole, 0.0))
     spread = np.sum(worth) ** 2 / max(np.sum(np.square(worth)), 1e-300)
-    loud = int(np.sum(np.array(worth) > 170.0))
+    loud = int(np.sum(np.array(worth) > LOUD))
     if loud < max(least, 0.75 * len(axes)) or spread <= max(2.0, 0.3 * len(axes)):
         return False
     rigid = search.fit([], clear)

@@ -12,6 +12,7 @@ from .events import Reporter
 from .everywhere import kinds_first, needed, rubs_everywhere
 from .geometry import Vector
 from .model import CableModel
+from .robust import robust_score
 from .selection import Bank, Fit, ProgressCallback, Score, Search, all_candidates, family_wise, rms, tones
 from .whitening import Whitener
 
@@ -177,13 +178,17 @@ def _in_turn(
 
 
 def _simplest(explanation: Explanation) -> Explanation:
-    """Let the simplest of those laws stand that the data cannot tell apart at a place."""
+    """Let the simplest of those laws stand that the data cannot tell apart, at a place above all."""
     search, accepted = explanation.search, [f.candidate for f in explanation.found]
     for j, found in enumerate(explanation.found):
         slack = max(search.settings.close, 0.5 * search.settings.law_error**2 * found.score.statistic)
-        near = [c for c, difference in found.rivals if difference > -slack and c.named == found.candidate.named]
-        here = [c for c in near if c.place.location == found.candidate.place.location]
-        accepted[j] = min([found.candidate, *here], key=search.size)
+        near = [(c, difference) for c, difference in found.rivals if c.named == found.candidate.named]
+        alike = [
+            c
+            for c, difference in near
+            if difference > -(slack if c.location == found.candidate.location else search.settings.close)
+        ]
+        accepted[j] = min([found.candidate, *alike], key=search.size)
     if accepted == [f.candidate for f in explanation.found]:
         return explanation
     return explained(search, explanation.bank, search.tuned(accepted, search.noise(accepted)))
@@ -298,18 +303,18 @@ def _sided(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Searc
         fit = there.fit(effects, whitener)
         return fit.deviance + np.log(fit.n_rows) * there.size(*effects), there, effects
 
-    best = None
+    plain, model, best = CATALOGUE["coulomb_friction"], search.problem.model, None
+    sliding = {place.location["kind"] for place in plain.places(model)}
     for j, candidate in enumerate(accepted):
         if not (candidate.named and candidate.loads and len(candidate.place.index) == 1):
             continue
-        kinds = {place.location["kind"] for place in candidate.effect.places(search.problem.model)}
-        for twin in twin_places(search.problem.model, candidate.place):
+        kinds = {place.location["kind"] for place in candidate.effect.places(model)}
+        for twin in twin_places(model, candidate.place):
             if twin.location["kind"] not in kinds:
                 continue
             best = best or judged(accepted)
             laws = [replace(candidate, place=twin)]
-            if candidate.effect.nuisance_shape and candidate.effect.name != "coulomb_friction":
-                plain = CATALOGUE["coulomb_friction"]
+            if candidate.effect.nuisance_shape and twin.location["kind"] in sliding and candidate.effect is not plain:
                 laws.append(Candidate(plain, twin, candidate.shape[:1], candidate.detail))
             for law in laws:
                 other = judged([*accepted[:j], law, *accepted[j + 1 :]])
@@ -391,17 +396,41 @@ def gain(search: Search, fit: Fit, candidate: Candidate, score: Score) -> float:
 
 def _passes(search: Search, candidate: Candidate, score: Score, weight: float, fit: Fit) -> bool:
     """Whether a candidate is significant, visible, and more than an error of the laws that are in the fit already."""
-    s = search.settings
     if not candidate.effect.counts:
         candidate, score = search.refine(fit, candidate)
-    if score.visible <= s.visible or family_wise(score, candidate, weight) >= np.log(s.alarm):
-        return False
-    if not is_resolved(search, candidate, score.beta):
-        return False
-    if not fit.effects:
-        return True
+    robust = _is_significant(search, candidate, score, weight, fit)
+    if robust is None or not fit.effects:
+        return robust is not None
     own = score.beta @ fit.rest(search.white(fit.whitener, search.columns(candidate)))
-    return score.statistic > _error_of_laws(search, candidate, own, fit)
+    return robust.statistic > _error_of_laws(search, candidate, own, fit)
+
+
+def _is_significant(search: Search, candidate: Candidate, score: Score, weight: float, fit: Fit) -> Score | None:
+    """Give the robust score of a candidate that is visible, resolved and significant, also robustly; else None.
+
+    A shape that is a little wrong leaves bursts behind, so it is estimated before a candidate is given up for them.
+    """
+    s = search.settings
+    if score.visible <= s.visible or family_wise(score, candidate, weight) >= np.log(s.alarm):
+        return None
+    if not is_resolved(search, candidate, score.beta):
+        return None
+    for own in (lambda: candidate, lambda: search.refine(fit, candidate)[0]):
+        robust = robust_score(search, fit, own())
+        if family_wise(robust, candidate, weight) < np.log(s.alarm):
+            return robust
+    return None
+
+
+def asked_but_for_laws(search: Search, bank: Bank, accepted: list[Candidate], most: int) -> list[Candidate]:
+    """List what is significant beside a fit, whether or not errors of the laws in it could explain as much."""
+    out: dict[tuple[str, str], Candidate] = {}
+    for whitener in (None, search.clear(accepted)):
+        fit = search.fit(accepted, whitener)
+        for candidate, score, weight in _leaders(search, fit, bank, most, accepted):
+            if _is_significant(search, candidate, score, weight, fit):
+                out.setdefault(candidate.key, candidate)
+    return list(out.values())
 
 
 def is_resolved(search: Search, candidate: Candidate, beta: Vector) -> bool:
@@ -635,7 +664,8 @@ def prune(search: Search, accepted: list[Candidate]) -> list[Candidate]:
             quiet = not _passes(search, candidate, score, 0.01, without)
             if _backwards(search, fit, j):
                 score = replace(score, statistic=-np.inf)
-            if score.statistic < worst and ((quiet and not is_loud(score)) or score.statistic < 0.0):
+            loud = is_loud(robust_score(search, without, candidate)) and is_resolved(search, candidate, score.beta)
+            if score.statistic < worst and ((quiet and not loud) or score.statistic < 0.0):
                 weakest, worst = j, score.statistic
         if weakest < 0:
             return accepted

@@ -236,6 +236,7 @@ class Search:
         self._scores: Recent = Recent(8)
         self._sizes: Recent = Recent(8)
         self._rests: Recent = Recent(8)
+        self.kept_offsets: Recent = Recent(8)
 
     def about(self, fit: Fit) -> Search:
         """Give the same search about a fit: its inertial parameters, and the torques that its effects bring."""
@@ -709,7 +710,7 @@ class Search:
         W = self.white(fit.whitener, self.columns(candidate))
         rest = fit.rest(W)
         gram = rest @ rest.T
-        return _score(gram, rest @ fit.residual, np.einsum("ij,ij->i", W, W), np.diag(gram), candidate.effect.signs)
+        return scored(gram, rest @ fit.residual, np.einsum("ij,ij->i", W, W), np.diag(gram), candidate.effect.signs)
 
     def refine(self, fit: Fit, candidate: Candidate, rounds: int = 2) -> tuple[Candidate, Score]:
         """Estimate the shape of a candidate: one nonlinear parameter after the other, to the best score.
@@ -865,14 +866,14 @@ def _score_wide(grams: Vector, c: Vector, full: Vector, left: Vector, signs: Seq
     out = []
     for i, own in enumerate(signs):
         if not whole[i] or any(s and b < 0 for s, b in zip(own, beta[i], strict=False)):
-            out.append(_score(grams[i], c[i], full[i], left[i], own))
+            out.append(scored(grams[i], c[i], full[i], left[i], own))
         else:
             norm = float(np.sqrt(left[i, 0]))
             out.append(Score(float(statistic[i]), int(good[i].sum()), beta[i], float(visible[i]), norm))
     return out
 
 
-def _score(gram: Vector, c: Vector, full: Vector, left: Vector, signs: Sequence[int]) -> Score:
+def scored(gram: Vector, c: Vector, full: Vector, left: Vector, signs: Sequence[int]) -> Score:
     """Score columns from their inner products beside a fit, and with its residual."""
     if len(c) == 1:
         return _single(_score_single(c, full, left), 0, signs)
@@ -902,7 +903,7 @@ def _without(
         return nothing
     rest = [j for j in range(len(c)) if j != i]
     signs = [signs[j] for j in rest if j < len(signs)]
-    score = _score(gram[np.ix_(rest, rest)], c[rest], full[rest], left[rest], signs)
+    score = scored(gram[np.ix_(rest, rest)], c[rest], full[rest], left[rest], signs)
     return replace(score, beta=np.insert(score.beta, i, 0.0)) if np.isfinite(score.statistic) else nothing
 
 

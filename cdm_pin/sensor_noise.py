@@ -74,6 +74,11 @@ class SensorNoise:
         return min(self.band.cutoff, float(np.median([inertia_limit(self.model, s) for s in self.signals])))
 
     @cached_property
+    def joint_steps(self) -> Vector:
+        """Steps of the joints' positions as logged, or as they follow from the motors', shape (n_joints,) [rad]."""
+        return np.max([_joint_steps(self.model, signals) for signals in self.signals], axis=0)
+
+    @cached_property
     def torque_steps(self) -> Vector:
         """Steps in which torque was logged, as the motors see them, shape (n_motors,) [N m]; zero where there are none.
 
@@ -100,12 +105,15 @@ def inertia_noise(model: CableModel, signals: Signals) -> Vector:
 
 def position_noise(model: CableModel, signals: Signals) -> Vector:
     """Noise of the joints' positions, also where they follow from the motors', shape (n_joints,) [rad]."""
+    q, steps = both_positions(model, signals.logged)[0], _joint_steps(model, signals)
+    return np.maximum(noise_floor(q, signals.rate, steps=steps), 1e-9)
+
+
+def _joint_steps(model: CableModel, signals: Signals) -> Vector:
     steps = signals.steps
     if "joint_position" in steps:
-        own = steps["joint_position"]
-    else:
-        own = np.sqrt(model.joint_from_motor**2 @ steps["motor_position"] ** 2)
-    return np.maximum(noise_floor(both_positions(model, signals.logged)[0], signals.rate, steps=own), 1e-9)
+        return steps["joint_position"]
+    return np.sqrt(model.joint_from_motor**2 @ steps["motor_position"] ** 2)
 
 
 def travel_noise(model: CableModel, signals: Signals) -> Vector:

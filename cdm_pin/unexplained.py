@@ -16,9 +16,10 @@ from .model import CableModel
 from .motion import Motion
 from .problem import Run
 from .regions import change_time
-from .selection import Fit, Search, rms
+from .selection import Fit, Search, errors, rms
 from .signals_filters import differentiate, lowpass
 from .spectra import tone_peaks, wandering
+from .unseen import deviance_unseen
 
 WANDERING = 300.0
 """Slow power over quick power that no noise of a torque's measurement has; a drift that is no fault stays below 30."""
@@ -105,6 +106,32 @@ def beyond_floor(search: Search, judge: Search | None, explanation: Explanation)
     words = f"the error of motor {motor} is {ratio[worst]:.1f} times its noise, in no shape that was tried"
     samples = fit.n_rows / search.problem.n_channels
     return something("motor", motor, words, float(rest[worst])), float(ratio[worst] ** 2 - 1) * samples
+
+
+def beyond_training(judge: Search | None, fit: Fit, limit: float = 4.0) -> dict[str, Any] | None:
+    """Say where unseen recordings hold something that the others do not tell of; None where they do not.
+
+    Their error is then many times the noise, and what the training leaves uncertain does not explain it.
+    """
+    if judge is None or not any(judge.problem.segments):
+        return None
+    if deviance_unseen(judge, fit) < limit**2 * judge.body(fit.whitener).data.size:
+        return None
+    rest = judge.still(errors(judge, fit.base, fit.effects, fit.beta))
+    least = np.maximum(judge.problem.sensed, judge.settings.torque_error * judge.loads)
+    floor = np.hypot(np.maximum(noise_floor(judge, fit.effects), least), _accuracy(judge, fit))
+    size = rms(judge, rest)
+    worst = int(np.argmax(size / floor))
+    if size[worst] < limit * floor[worst]:
+        return None
+    model = judge.problem.model
+    place = {"kind": "motor", "index": worst % model.n_motors + 1}
+    if judge.problem.torque:
+        inside = [e[: model.n_motors, a:b] for e, run in zip(rest, judge.problem.segments, strict=True) for a, b in run]
+        place = _place_along(np.linalg.svd(np.concatenate(inside, axis=1), full_matrices=False)[0][:, 0], model)
+    times = size[worst] / floor[worst]
+    words = f"recordings that were not learned from: there the error is {times:.1f} times the noise"
+    return something(place["kind"], place["index"], words, float(size[worst]))
 
 
 def _accuracy(search: Search, fit: Fit) -> Vector:

@@ -1,0 +1,76 @@
+"""What a statistic is worth where noise comes in bursts, and where encoders are off by a constant they cannot show."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from .effects import Candidate
+from .geometry import Vector
+from .selection import Fit, Score, Search, all_candidates, scored
+
+BLOCKS = (1, 8, 24)
+"""Lengths of bursts, in samples of the band."""
+SURE = 0.95
+"""Probability with which noise must be known to be more where an effect acts than elsewhere."""
+
+
+def robust_score(search: Search, fit: Fit, candidate: Candidate) -> Score:
+    """Score one candidate beside a fit, with care about what the noise of the fit leaves out.
+
+    Encoders that round down, or whose zero is known to half a step, are off by up to that: such offsets are fitted with
+    that much room beside the candidate. Then the statistic is divided by how much larger than usual the residual is
+    where the candidate acts, as far as that is sure: the variance of its coefficient is then the sandwich's, in blocks
+    (White, Econometrica 48(4), 1980; Newey, West, Econometrica 55(3), 1987).
+    """
+    W = search.white(fit.whitener, search.columns(candidate))
+    X, Z = fit.rest(W), offsets(search, fit)
+    room = np.linalg.inv(np.eye(len(Z)) + Z @ Z.T)
+    c = X @ fit.residual - (X @ Z.T) @ room @ (Z @ fit.residual)
+    gram = X @ X.T - (X @ Z.T) @ room @ (Z @ X.T)
+    score = scored(gram, c, np.einsum("ij,ij->i", W, W), np.diag(gram), candidate.effect.signs)
+    if not np.isfinite(score.statistic):
+        return score
+    own = score.beta @ X
+    rest = fit.residual - own
+    rest = rest - (room @ (Z @ rest)) @ Z
+    return replace(score, statistic=score.statistic / max(bursts(own, rest), 1.0))
+
+
+def offsets(search: Search, fit: Fit) -> Vector:
+    """Give what constant errors of the encoders may bring, whitened, as far as a fit leaves it, shape (n, n_rows).
+
+    Each is as large as half a step of the encoder, at the joint.
+    """
+    known = search.kept_offsets.get(fit)
+    if known is None:
+        steps = search.problem.sensors.joint_steps
+        held = {c.location["index"] for c in fit.effects if c.effect.name == "encoder_offset"}
+        places = [c for c in all_candidates(search.problem, ("encoder_offset",)) if c.location["index"] not in held]
+        rows = [0.5 * steps[c.place.index[0]] * search.white(fit.whitener, search.columns(c)) for c in places]
+        known = fit.rest(np.concatenate(rows)) if rows else np.zeros((0, fit.n_rows))
+        search.kept_offsets.keep(known, fit)
+    return known
+
+
+def bursts(own: Vector, rest: Vector) -> float:
+    """Say how many times the noise is larger where an effect acts than on the whole, in variance; what is sure of it.
+
+    Parameters
+    ----------
+    own, rest : ndarray, shape (n_rows,)
+        What the effect brings, and what is left beside it, whitened.
+    """
+    worst = 0.0
+    for length in BLOCKS:
+        n = len(own) // length * length
+        size = (own[:n] ** 2).reshape(-1, length).sum(axis=1)
+        if not size.any():
+            continue
+        together = (own[:n] * rest[:n]).reshape(-1, length).sum(axis=1)
+        ratio = float(together @ together / size.sum())
+        free = float(size.sum() ** 2 / (size @ size))
+        worst = max(worst, ratio * free / float(chi2.ppf(SURE, free)))
+    return worst

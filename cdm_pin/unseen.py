@@ -1,0 +1,42 @@
+"""How well a fit predicts recordings that it has not seen, given how well it knows its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .geometry import Vector
+from .selection import Fit, Search, errors
+
+
+def deviance_unseen(judge: Search, fit: Fit) -> float:
+    """Twice the negative logarithm of how likely the unseen recordings are after a fit, up to a constant."""
+    return sum(updated(judge, fit, stacked(judge, fit)))
+
+
+def updated(judge: Search, fit: Fit, series: Sequence[Vector]) -> tuple[float, float]:
+    """Sum the squares of whitened series after what a fit leaves uncertain, and drifting zeros, are taken out.
+
+    Parameters move as far as their covariance allows; the second value is the logarithm of how much room they have.
+    """
+    own = [judge.columns(c) for c in fit.effects]
+    banks = [
+        np.concatenate([judge.rigid[r], *[columns[r] for columns in own], judge.drifts[r], x])
+        for r, x in enumerate(series)
+    ]
+    W = judge.white(fit.whitener, banks)
+    k = len(fit.covariance)
+    values, vectors = np.linalg.eigh(fit.covariance)
+    X, drift, b = (vectors * np.sqrt(np.maximum(values, 0.0))).T @ W[:k], W[k:-1].T, W[-1]
+    scale = np.linalg.norm(drift, axis=0)
+    Q = np.linalg.qr(drift[:, scale > 0] / scale[scale > 0])[0]
+    X, b = X - (X @ Q) @ Q.T, b - Q @ (Q.T @ b)
+    room = np.eye(k) + X @ X.T
+    moved = X @ b
+    return float(b @ b - moved @ np.linalg.solve(room, moved)), float(np.linalg.slogdet(room)[1])
+
+
+def stacked(judge: Search, fit: Fit) -> list[Vector]:
+    """Give the errors of a fit on the unseen recordings as columns, per run (1, n_channels, n_reduced)."""
+    return [e[None] for e in errors(judge, fit.base, fit.effects, fit.beta)]
