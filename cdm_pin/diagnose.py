@@ -41,6 +41,8 @@ ONCE = ("external_torque", "unnamed_time", "unnamed_wear", "unnamed_stiffening",
 """What happens at a time of its own: another recording cannot judge it."""
 AGREEMENT = 0.3
 """Of many effects, what the unseen recordings make of one alone has to be like it by so much for it to be listed."""
+CARRIED = 0.1
+"""Share of the squared error on unseen recordings that a finding beyond doubt leaves."""
 SCHEMA = "cdm_pin.diagnosis/1"
 
 
@@ -304,16 +306,25 @@ def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
         return True
     without = explanation.search.without(fit, j)
     level = np.maximum(noise_floor(judge, fit.effects), 1e-12)
-    with_it, without_it = (
-        _weighted(judge, judge.still(errors(judge, f.base, f.effects, f.beta)), level) for f in (fit, without)
-    )
-    if with_it < 0.1 * without_it:
+    with_it, without_it = (_plain(judge, f, level) for f in (fit, without))
+    if with_it < CARRIED * without_it:
         return True
     change = [a - b for a, b in zip(stacked(judge, fit), stacked(judge, without), strict=True)]
     due = updated(judge, without, change)[0]
     if deviance_unseen(judge, without) - deviance_unseen(judge, fit) < max(3.0 * found.candidate.named, 0.1 * due):
         return False
     return with_it < 1.01 * without_it or with_it > 9.0 * len(level)
+
+
+def _plain(judge: Search, fit: Fit, level: Vector) -> float:
+    return _weighted(judge, judge.still(errors(judge, fit.base, fit.effects, fit.beta)), level)
+
+
+def _carries(judge: Search, explanation: Explanation, j: int) -> bool:
+    """Whether finding `j` takes nearly all of the plain error on the unseen recordings away, whatever is left."""
+    level = np.maximum(noise_floor(judge, explanation.fit.effects), 1e-12)
+    without = explanation.search.without(explanation.fit, j)
+    return _plain(judge, explanation.fit, level) < CARRIED * _plain(judge, without, level)
 
 
 def _fit_content(search: Search, rigid: Fit, fit: Fit, judged: Search) -> dict[str, Any]:
@@ -359,7 +370,11 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
             stated = {j: stated[j] for j in sure}
         if explanation.everywhere:
             unexplained = nameless(explanation) or unexplained
-        unexplained = unexplained or wandering_torque(search, fit) or beyond_training(judge, fit)
+        unexplained = unexplained or wandering_torque(search, fit)
+        if unexplained is None and judge is not None:
+            unexplained = beyond_training(judge, fit)
+            if unexplained is not None:
+                stated = {j: v for j, v in stated.items() if _carries(judge, explanation, j)}
         if disputed and unexplained is None:
             unexplained = nameless(explanation, only_loud=True)
             if unexplained is not None:  # nor can what happens once be confirmed then

@@ -17,6 +17,10 @@ from .selection import Bank, Fit, ProgressCallback, Score, Search, all_candidate
 from .whitening import Whitener
 
 
+DROWNING = 2000.0
+"""Statistic of a correction that leaves no doubt that something is there, whatever the noise."""
+
+
 @dataclass(frozen=True)
 class Found:
     """An effect in the model, with what was compared with it.
@@ -408,13 +412,16 @@ def _passes(search: Search, candidate: Candidate, score: Score, weight: float, f
 def _is_significant(search: Search, candidate: Candidate, score: Score, weight: float, fit: Fit) -> Score | None:
     """Give the robust score of a candidate that is visible, resolved and significant, also robustly; else None.
 
-    A shape that is a little wrong leaves bursts behind, so it is estimated before a candidate is given up for them.
+    A shape that is a little wrong leaves bursts behind, so it is estimated before a candidate is given up for them; a
+    correction without a name that drowns all leaves what it does not describe.
     """
     s = search.settings
     if score.visible <= s.visible or family_wise(score, candidate, weight) >= np.log(s.alarm):
         return None
     if not is_resolved(search, candidate, score.beta):
         return None
+    if not candidate.named and score.statistic > DROWNING:
+        return score
     for own in (lambda: candidate, lambda: search.refine(fit, candidate)[0]):
         robust = robust_score(search, fit, own())
         if family_wise(robust, candidate, weight) < np.log(s.alarm):
@@ -511,7 +518,7 @@ def _shouted(search: Search, clear: Fit, bank: Bank, taken: Sequence[Candidate])
 
 def _is_seconded(search: Search, fit: Fit, candidate: Candidate, score: Score, weight: float) -> bool:
     """Whether a correction that is loud in the clear noise is significant with care too, unless it drowns all."""
-    if score.statistic > 2000.0:
+    if score.statistic > DROWNING:
         return True
     return family_wise(search.score(fit, candidate), candidate, weight) < np.log(search.settings.alarm)
 
@@ -569,7 +576,7 @@ def _same_width(candidate: Candidate, other: Candidate) -> Candidate:
 def polish(search: Search, bank: Bank, accepted: list[Candidate], rounds: int = 2) -> list[Candidate]:
     """Look again at each effect given the others: let a better one take its place, or one take the place of two."""
     for _ in range(rounds):
-        before, whitener = {c.key for c in accepted}, search.clear(accepted)
+        before, whitener = accepted, search.clear(accepted)
         for j in range(len(accepted)):
             if not accepted[j].named:
                 continue
@@ -582,9 +589,22 @@ def polish(search: Search, bank: Bank, accepted: list[Candidate], rounds: int = 
                 accepted = [*others[:j], trial[0], *others[j:]]
         accepted = _merge(search, bank, accepted, whitener)
         accepted = _split(search, bank, accepted, whitener)
-        if {c.key for c in accepted} == before:
+        if {c.key for c in accepted} == {c.key for c in before}:
             break
+        if _leans_on(search, whitener, before, accepted):
+            return before
     return accepted
+
+
+def _leans_on(search: Search, whitener: Whitener, before: list[Candidate], after: list[Candidate]) -> bool:
+    """Whether effects on the torque of others explain less once what they took the place of is out of that torque."""
+    lost = [c for c in before if c.loads and c.key not in {x.key for x in after}]
+    if not lost or not any(c.effect.follows for c in after):
+        return False
+    there = search.about(search.fit(after, whitener))
+    old, new = search.fit(before, whitener), there.fit(after, whitener)
+    penalty = np.log(old.n_rows) * (search.size(*after) - search.size(*before))
+    return new.deviance + penalty > old.deviance + 10.0
 
 
 def _merge(search: Search, bank: Bank, accepted: list[Candidate], whitener: Whitener) -> list[Candidate]:

@@ -108,12 +108,12 @@ def beyond_floor(search: Search, judge: Search | None, explanation: Explanation)
     return something("motor", motor, words, float(rest[worst])), float(ratio[worst] ** 2 - 1) * samples
 
 
-def beyond_training(judge: Search | None, fit: Fit, limit: float = 4.0) -> dict[str, Any] | None:
+def beyond_training(judge: Search, fit: Fit, limit: float = 4.0) -> dict[str, Any] | None:
     """Say where unseen recordings hold something that the others do not tell of; None where they do not.
 
     Their error is then many times the noise, and what the training leaves uncertain does not explain it.
     """
-    if judge is None or not any(judge.problem.segments):
+    if not any(judge.problem.segments):
         return None
     if deviance_unseen(judge, fit) < limit**2 * judge.body(fit.whitener).data.size:
         return None
