@@ -12,13 +12,9 @@ from .events import Reporter
 from .everywhere import kinds_first, needed, rubs_everywhere
 from .geometry import Vector
 from .model import CableModel
-from .robust import robust_score
+from .robust import DROWNING, UNSURE, is_coarse, robust_score
 from .selection import Bank, Fit, ProgressCallback, Score, Search, all_candidates, family_wise, rms, tones
 from .whitening import Whitener
-
-
-DROWNING = 2000.0
-"""Statistic of a correction that leaves no doubt that something is there, whatever the noise."""
 
 
 @dataclass(frozen=True)
@@ -412,16 +408,13 @@ def _passes(search: Search, candidate: Candidate, score: Score, weight: float, f
 def _is_significant(search: Search, candidate: Candidate, score: Score, weight: float, fit: Fit) -> Score | None:
     """Give the robust score of a candidate that is visible, resolved and significant, also robustly; else None.
 
-    A shape that is a little wrong leaves bursts behind, so it is estimated before a candidate is given up for them; a
-    correction without a name that drowns all leaves what it does not describe.
+    A shape that is a little wrong leaves bursts behind, so it is estimated before a candidate is given up for them.
     """
     s = search.settings
     if score.visible <= s.visible or family_wise(score, candidate, weight) >= np.log(s.alarm):
         return None
     if not is_resolved(search, candidate, score.beta):
         return None
-    if not candidate.named and score.statistic > DROWNING:
-        return score
     for own in (lambda: candidate, lambda: search.refine(fit, candidate)[0]):
         robust = robust_score(search, fit, own())
         if family_wise(robust, candidate, weight) < np.log(s.alarm):
@@ -443,8 +436,9 @@ def asked_but_for_laws(search: Search, bank: Bank, accepted: list[Candidate], mo
 def is_resolved(search: Search, candidate: Candidate, beta: Vector) -> bool:
     """Whether an effect is larger than what clocks, derivatives and filters leave wrong in the torque of a rigid body.
 
-    Where positions are too coarse for the accelerations in the band, that is more. A push has to last for as long as
-    the band can tell from an outlier, and to exceed half a step of the torque.
+    Where positions are too coarse for the accelerations in the band, that is more, and a correction without a name has
+    to exceed what the sensors bring by themselves. A push has to last for as long as the band can tell from an outlier,
+    and to exceed half a step of the torque.
     """
     problem, push = search.problem, candidate.effect.name == "external_torque"
     if push and candidate.shape[1] - candidate.shape[0] < 1.5 / problem.band.cutoff:
@@ -460,7 +454,10 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector) -> bool:
     if own[m:].any():
         return True
     least = search.settings.torque_error * (problem.band.cutoff / max(problem.sensors.trusted, 1e-3)) ** 2
-    return bool(np.any(own[:m] > least * search.loads[:m]))
+    least = least * search.loads[:m]
+    if not candidate.named and is_coarse(problem):
+        least = np.maximum(least, UNSURE * problem.sensed[:m])
+    return bool(np.any(own[:m] > least))
 
 
 def _error_of_laws(search: Search, candidate: Candidate, own: Vector, fit: Fit) -> float:

@@ -70,7 +70,7 @@ def inertia_cutoff(
         rotors[range(model.n_motors), range(model.n_motors)] = own.T
         X = np.concatenate([band.reduce(np.concatenate([Y, rotors]))[..., a:b], rub])
         if X.shape[2] < 2 * len(X):
-            return np.zeros(model.n_motors)
+            return np.full(model.n_motors, np.nan)
         scale = np.sqrt(np.mean(y**2, axis=1))
         out = [residual(X[:, i].T, y[i]) for i in range(model.n_motors)]
         return np.maximum(out, sure * scale)
@@ -79,6 +79,8 @@ def inertia_cutoff(
     for f in limits:
         table.append(left(lowpass(motion.a, motion.rate, f), lowpass(motion.a_m, motion.rate, f)))
     errors = np.array(table)
+    if not np.isfinite(errors).all():  # too few samples to tell
+        return band.cutoff
     if coarse:
         enough = errors <= NEAR * errors.min(axis=0)
         last = len(errors) - 1 - np.argmax(enough[::-1], axis=0)

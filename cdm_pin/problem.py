@@ -11,17 +11,19 @@ import numpy as np
 from .band import Band, make_band
 from .effects import Candidate, Columns, loaded
 from .geometry import Vector
-from .inertia_band import LOWEST, inertia_cutoff
+from .inertia_band import LOWEST, SLOWEST, inertia_cutoff
 from .measured import both_positions, measured_torques
 from .model import CableModel
 from .motion import Motion
 from .recording import Recording
 from .regressor import motor_regressor
-from .sensor_noise import SensorNoise, inertia_limit, inertia_noise, position_noise, travel_noise
+from .sensor_noise import SensorNoise, inertia_limit, inertia_noise, motion_limit, position_noise, travel_noise
 from .signals import Signals, prepare
 from .signals_filters import differentiate, lowpass
 from .whitening import Lines, Segments
 
+MARGIN = 1.5
+"""How far above the frequency where accelerations drown in noise they are still taken."""
 MUCH = 4e8
 """Numbers that the whitened columns of all effects may take."""
 
@@ -214,7 +216,9 @@ def make_problem(model: CableModel, recordings: Sequence[Recording], band: Band 
         runs = tuple(_run(model, s, band, torque, kinematic, i) for i, s in enumerate(ready))
         return Problem(model, runs, band, torque, kinematic, SensorNoise(model, tuple(ready), band))
 
-    problem = made(replace(chosen, slow=np.inf))
+    limit = max(MARGIN * max(motion_limit(model, s) for s in signals), SLOWEST)
+    known = limit if torque and limit < chosen.cutoff else np.inf
+    problem = made(replace(chosen, slow=known))
     coarse = torque and problem.sensors.trusted < 0.5 * chosen.cutoff <= 0.5 * LOWEST
     if not torque or (band is not None and not coarse):
         return problem
@@ -225,7 +229,9 @@ def make_problem(model: CableModel, recordings: Sequence[Recording], band: Band 
     cutoff = float(np.max(slower) if coarse else np.median(slower))  # as quick as any recording asks for
     if cutoff >= chosen.cutoff:
         return problem
-    return made(replace(chosen, slow=cutoff) if coarse else make_band(rate, cutoff))
+    if coarse:
+        return made(replace(chosen, slow=min(cutoff, known)))
+    return made(replace(make_band(rate, cutoff), slow=known))
 
 
 def _affordable(n_motors: int, samples: int, rate: float) -> float:

@@ -9,16 +9,42 @@ from scipy.stats import chi2
 
 from .effects import Candidate
 from .geometry import Vector
+from .problem import Problem
 from .selection import Fit, Score, Search, all_candidates, scored
 
 BLOCKS = (1, 8, 24)
 """Lengths of bursts, in samples of the band."""
+COARSE = 0.7
+"""Share of the band up to which positions have to be fine enough for accelerations."""
+DROWNING = 2000.0
+"""Statistic of a correction without a name that leaves no doubt, though it leaves what it does not describe."""
+UNSURE = 1.5
+"""How many times larger the errors of accelerations may be than they are estimated to be."""
 SURE = 0.95
 """Probability with which noise must be known to be more where an effect acts than elsewhere."""
 
 
+def is_coarse(problem: Problem) -> bool:
+    """Whether positions are too coarse for the accelerations in the band."""
+    return problem.torque and problem.sensors.trusted < COARSE * problem.band.cutoff
+
+
 def robust_score(search: Search, fit: Fit, candidate: Candidate) -> Score:
     """Score one candidate beside a fit, with care about what the noise of the fit leaves out.
+
+    Where positions are too coarse for the accelerations in the band, the statistic is no more than in white noise
+    clearly larger than what the sensors bring by themselves: no residual shows what errors of accelerations have in
+    common with the columns.
+    """
+    score = _in_bursts(search, fit, candidate)
+    if is_coarse(search.problem):
+        other = _in_bursts(search, search.fit(fit.effects, search.sensed), candidate)
+        score = replace(score, statistic=min(score.statistic, other.statistic / UNSURE**2))
+    return score
+
+
+def _in_bursts(search: Search, fit: Fit, candidate: Candidate) -> Score:
+    """Score one candidate where noise may come in bursts, and beside constant errors of the encoders.
 
     Encoders that round down, or whose zero is known to half a step, are off by up to that: such offsets are fitted with
     that much room beside the candidate. Then the statistic is divided by how much larger than usual the residual is
@@ -31,7 +57,7 @@ def robust_score(search: Search, fit: Fit, candidate: Candidate) -> Score:
     c = X @ fit.residual - (X @ Z.T) @ room @ (Z @ fit.residual)
     gram = X @ X.T - (X @ Z.T) @ room @ (Z @ X.T)
     score = scored(gram, c, np.einsum("ij,ij->i", W, W), np.diag(gram), candidate.effect.signs)
-    if not np.isfinite(score.statistic):
+    if not np.isfinite(score.statistic) or (not candidate.named and score.statistic > DROWNING):
         return score
     own = score.beta @ X
     rest = fit.residual - own

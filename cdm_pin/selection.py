@@ -414,6 +414,12 @@ class Search:
         return np.concatenate(parts, axis=1)
 
     @cached_property
+    def sensed(self) -> Whitener:
+        """White noise as large as what the sensors bring by themselves."""
+        n = self.problem.n_channels
+        return Whitener(np.zeros((n, 1)), np.diag(1.0 / self.problem.sensed), np.ones(len(self.problem.runs)))
+
+    @cached_property
     def common(self) -> tuple[Candidate, ...]:
         """Effects that most machines have, there to keep what is not yet explained out of the noise."""
         names = ("viscous_friction", "coulomb_friction", "torque_offset", "joint_spring")

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import welch
 
 from .band import Band
 from .dynamics import inverse_dynamics
@@ -41,8 +43,9 @@ class SensorNoise:
         """
         parts = []
         for signals, rounding in zip(self.signals, self._roundings, strict=True):
-            share = np.sqrt(min(1.0, 2 * self.band.cutoff / signals.rate))
-            white = inertia_noise(self.model, signals) * share * (2 * np.pi * self.band.cutoff) ** 2 / np.sqrt(5)
+            quickest = min(self.band.cutoff, self.band.slow)
+            share = np.sqrt(min(1.0, 2 * quickest / signals.rate))
+            white = inertia_noise(self.model, signals) * share * (2 * np.pi * quickest) ** 2 / np.sqrt(5)
             steps = _torque_steps(self.model, signals)
             own = noise_floor(measured_torques(self.model, signals.logged), signals.rate, self.band.cutoff, steps)
             parts.append(np.hypot(own, np.maximum(white, rounding)))
@@ -71,7 +74,9 @@ class SensorNoise:
 
         Columns with accelerations and the residual then share the noise of the encoders.
         """
-        return min(self.band.cutoff, float(np.median([inertia_limit(self.model, s) for s in self.signals])))
+        limit, band = float(np.median([inertia_limit(self.model, s) for s in self.signals])), self.band
+        slow_enough = band.slow**2.5 <= limit**2 * np.sqrt(band.cutoff)  # noise of accelerations below that of torque
+        return band.cutoff if slow_enough else min(band.cutoff, limit)
 
     @cached_property
     def joint_steps(self) -> Vector:
@@ -94,6 +99,25 @@ def inertia_limit(model: CableModel, signals: Signals) -> float:
     felt = moved > 0.0  # by a motor that moves no inertia nothing is told
     ratio = np.median(tau[felt] / moved[felt]) if felt.any() else np.inf
     return float(0.8 * np.sqrt(ratio) / (2 * np.pi))
+
+
+def motion_limit(model: CableModel, signals: Signals, least: float = 2.0) -> float:
+    """Give the frequency [Hz] up to which accelerations stand out of what the noise of positions makes, at any joint.
+
+    `least` is the power, as a multiple of the noise.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], signals.valid.astype(int), [0]])))
+    start, stop = max(zip(edges[::2], edges[1::2], strict=True), key=lambda s: s[1] - s[0], default=(0, 0))
+    if stop - start < 64:
+        return np.inf
+    q = both_positions(model, signals.logged)[0][start:stop]
+    n = min(len(q) - 2, int(16.0 * signals.rate))
+    f, power = welch(np.diff(q, 2, axis=0), signals.rate, nperseg=n, axis=0)
+    gain = (2.0 - 2.0 * np.cos(2.0 * np.pi * f / signals.rate)) ** 2
+    noise = gain[:, None] * position_noise(model, signals) ** 2 / (0.5 * signals.rate)
+    width = max(int(0.5 * n / signals.rate), 1)  # half a hertz
+    heard = uniform_filter1d(power, width, axis=0) > least * uniform_filter1d(noise, width, axis=0)
+    return float(max(f[k] for k in np.argmin(heard, axis=0)))  # the first that does not stand out
 
 
 def inertia_noise(model: CableModel, signals: Signals) -> Vector:
@@ -137,7 +161,7 @@ def _rounding(model: CableModel, signals: Signals, band: Band) -> Vector:
     error = (np.round(x / own) * own - x) * (steps > 0)
     if measured == "motor_position":
         error = error @ model.joint_from_motor.T
-    error = lowpass(error, signals.rate, min(4.0 * band.cutoff, 0.45 * signals.rate))
+    error = lowpass(error, signals.rate, min(4.0 * band.cutoff, band.slow, 0.45 * signals.rate))
     a = differentiate(differentiate(error, signals.rate), signals.rate)
     torque = band.reduce((a @ _mass(model, q) @ model.joint_from_motor).T)
     inside = [torque[:, start:stop] for start, stop in band.segments(signals.valid)]

@@ -117,21 +117,21 @@ def beyond_training(judge: Search, fit: Fit, limit: float = 4.0) -> dict[str, An
         return None
     if deviance_unseen(judge, fit) < limit**2 * judge.body(fit.whitener).data.size:
         return None
-    rest = judge.still(errors(judge, fit.base, fit.effects, fit.beta))
     least = np.maximum(judge.problem.sensed, judge.settings.torque_error * judge.loads)
     floor = np.hypot(np.maximum(noise_floor(judge, fit.effects), least), _accuracy(judge, fit))
-    size = rms(judge, rest)
-    worst = int(np.argmax(size / floor))
-    if size[worst] < limit * floor[worst]:
+    anew = judge.left_over(fit.effects, smooth=False)[1].rms  # other poses may need masses that the training left open
+    rest = judge.still(errors(judge, fit.base, fit.effects, fit.beta))
+    times = np.minimum(anew, rms(judge, rest)) / floor
+    worst = int(np.argmax(times))
+    if times[worst] < limit:
         return None
     model = judge.problem.model
     place = {"kind": "motor", "index": worst % model.n_motors + 1}
     if judge.problem.torque:
         inside = [e[: model.n_motors, a:b] for e, run in zip(rest, judge.problem.segments, strict=True) for a, b in run]
         place = _place_along(np.linalg.svd(np.concatenate(inside, axis=1), full_matrices=False)[0][:, 0], model)
-    times = size[worst] / floor[worst]
-    words = f"recordings that were not learned from: there the error is {times:.1f} times the noise"
-    return something(place["kind"], place["index"], words, float(size[worst]))
+    words = f"recordings that were not learned from: there the error is {times[worst]:.1f} times the noise"
+    return something(place["kind"], place["index"], words, float(rms(judge, rest)[worst]))
 
 
 def _accuracy(search: Search, fit: Fit) -> Vector:
