@@ -216,7 +216,7 @@ def make_problem(model: CableModel, recordings: Sequence[Recording], band: Band 
         runs = tuple(_run(model, s, band, torque, kinematic, i) for i, s in enumerate(ready))
         return Problem(model, runs, band, torque, kinematic, SensorNoise(model, tuple(ready), band))
 
-    limit = max(MARGIN * max(motion_limit(model, s) for s in signals), SLOWEST)
+    limit = max(MARGIN * max(motion_limit(model, s, 1.5 * chosen.cutoff) for s in signals), SLOWEST)
     known = limit if torque and limit < chosen.cutoff else np.inf
     problem = made(replace(chosen, slow=known))
     coarse = torque and problem.sensors.trusted < 0.5 * chosen.cutoff <= 0.5 * LOWEST

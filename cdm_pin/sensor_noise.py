@@ -101,10 +101,17 @@ def inertia_limit(model: CableModel, signals: Signals) -> float:
     return float(0.8 * np.sqrt(ratio) / (2 * np.pi))
 
 
-def motion_limit(model: CableModel, signals: Signals, least: float = 2.0) -> float:
+def motion_limit(model: CableModel, signals: Signals, most: float, least: float = 2.0, line: float = 8.0) -> float:
     """Give the frequency [Hz] up to which accelerations stand out of what the noise of positions makes, at any joint.
 
-    `least` is the power, as a multiple of the noise.
+    Parameters
+    ----------
+    model : CableModel
+    signals : Signals
+    most : float
+        Frequencies above it are not looked at [Hz].
+    least, line : float
+        Power over half a hertz, and of single lines, that stands out, as multiples of the noise.
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[0], signals.valid.astype(int), [0]])))
     start, stop = max(zip(edges[::2], edges[1::2], strict=True), key=lambda s: s[1] - s[0], default=(0, 0))
@@ -117,7 +124,8 @@ def motion_limit(model: CableModel, signals: Signals, least: float = 2.0) -> flo
     noise = gain[:, None] * position_noise(model, signals) ** 2 / (0.5 * signals.rate)
     width = max(int(0.5 * n / signals.rate), 1)  # half a hertz
     heard = uniform_filter1d(power, width, axis=0) > least * uniform_filter1d(noise, width, axis=0)
-    return float(max(f[k] for k in np.argmin(heard, axis=0)))  # the first that does not stand out
+    heard = (heard | (power > line * noise)).any(axis=1) & (f <= most)
+    return float(f[np.flatnonzero(heard)].max(initial=0.0))
 
 
 def inertia_noise(model: CableModel, signals: Signals) -> Vector:
