@@ -10,6 +10,9 @@ from scipy.signal import firwin, kaiserord, upfirdn
 
 from .geometry import Vector
 
+RING = 1.5
+"""Periods for which a low-pass rings beside an edge."""
+
 
 @dataclass(frozen=True)
 class Band:
@@ -43,14 +46,15 @@ class Band:
         return y[..., first : first + -(-x.shape[-1] // self.step)]
 
     def segments(self, valid: np.ndarray) -> list[tuple[int, int]]:
-        """Stretches of decimated samples whose whole kernel lies on valid samples."""
+        """Stretches of decimated samples whose whole kernel lies on valid samples, where slow filters have rung out."""
         half = len(self.taps) // 2
+        wide = half + round(RING * self.rate / self.slow)
         bad = np.concatenate([[True], ~valid, [True]])
         edges = np.flatnonzero(bad)
         stretches = []
         for left, right in itertools.pairwise(edges):
-            start = -(-(left + half) // self.step)  # valid samples are left .. right - 2
-            stop = (right - 2 - half) // self.step + 1
+            start = -(-(left + wide) // self.step)  # valid samples are left .. right - 2
+            stop = (right - 2 - wide) // self.step + 1
             if stop - start > 8:
                 stretches.append((start, stop))
         return stretches

@@ -185,7 +185,12 @@ def _judged(judge: Search, explanation: Explanation) -> Explanation:
     """
     search = explanation.search
     for turn in range(5):
-        explanation = _reconsidered(judge, explanation)
+        again = _reconsidered(judge, explanation)
+        if again is not explanation:
+            effects = [f.candidate for f in again.found]
+            patched = patch(search, again.bank, effects) or effects
+            beside = len(patched) > len(effects) and all(c in patched for c in effects)
+            explanation = explained(search, again.bank, patched) if beside else again
         kept = [f for j, f in enumerate(explanation.found) if _helps(judge, explanation, j)]
         if len(kept) == len(explanation.found):
             break

@@ -1165,6 +1165,7 @@ CATALOGUE: dict[str, Effect] = {
             _spring_physical,
             lambda m, p: [(0.0,), (1.0,)],
             signs=(1, 0),
+            error=0.001,  # a polynomial of a measured angle
             confounded=("base_tilt", "encoder_offset"),
             revealed_by="slow strokes both ways over the whole range",
             inverse=_spring_inverse,

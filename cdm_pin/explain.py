@@ -12,7 +12,7 @@ from .events import Reporter
 from .everywhere import kinds_first, needed, rubs_everywhere
 from .geometry import Vector
 from .model import CableModel
-from .robust import DROWNING, UNSURE, is_coarse, robust_score
+from .robust import UNSURE, is_coarse, robust_score
 from .selection import Bank, Fit, ProgressCallback, Score, Search, all_candidates, family_wise, rms, tones
 from .whitening import Whitener
 
@@ -515,7 +515,7 @@ def _shouted(search: Search, clear: Fit, bank: Bank, taken: Sequence[Candidate])
 
 def _is_seconded(search: Search, fit: Fit, candidate: Candidate, score: Score, weight: float) -> bool:
     """Whether a correction that is loud in the clear noise is significant with care too, unless it drowns all."""
-    if score.statistic > DROWNING:
+    if score.statistic > 2000.0:
         return True
     return family_wise(search.score(fit, candidate), candidate, weight) < np.log(search.settings.alarm)
 

@@ -216,8 +216,7 @@ def make_problem(model: CableModel, recordings: Sequence[Recording], band: Band 
         runs = tuple(_run(model, s, band, torque, kinematic, i) for i, s in enumerate(ready))
         return Problem(model, runs, band, torque, kinematic, SensorNoise(model, tuple(ready), band))
 
-    limit = max(MARGIN * max(motion_limit(model, s, 1.5 * chosen.cutoff) for s in signals), SLOWEST)
-    known = limit if torque and limit < chosen.cutoff else np.inf
+    known = _heard(model, signals, chosen) if torque else np.inf
     problem = made(replace(chosen, slow=known))
     coarse = torque and problem.sensors.trusted < 0.5 * chosen.cutoff <= 0.5 * LOWEST
     if not torque or (band is not None and not coarse):
@@ -232,6 +231,21 @@ def make_problem(model: CableModel, recordings: Sequence[Recording], band: Band 
     if coarse:
         return made(replace(chosen, slow=min(cutoff, known)))
     return made(replace(make_band(rate, cutoff), slow=known))
+
+
+def _heard(model: CableModel, signals: Sequence[Signals], band: Band) -> float:
+    """Give the frequency [Hz] up to which accelerations are worth taking; infinity where that is the whole band.
+
+    Or where what rings beside gaps would cost much of the recordings.
+    """
+    limit = max(MARGIN * max(motion_limit(model, s, MARGIN * band.cutoff) for s in signals), 2 * SLOWEST)
+    if limit >= band.cutoff:
+        return np.inf
+    lengths = [
+        sum(stop - start for s in signals for start, stop in own.segments(s.valid))
+        for own in (replace(band, slow=limit), band)
+    ]
+    return limit if lengths[0] > 0.6 * lengths[1] else np.inf
 
 
 def _affordable(n_motors: int, samples: int, rate: float) -> float:

@@ -16,8 +16,6 @@ BLOCKS = (1, 8, 24)
 """Lengths of bursts, in samples of the band."""
 COARSE = 0.7
 """Share of the band up to which positions have to be fine enough for accelerations."""
-DROWNING = 2000.0
-"""Statistic of a correction without a name that leaves no doubt, though it leaves what it does not describe."""
 UNSURE = 1.5
 """How many times larger the errors of accelerations may be than they are estimated to be."""
 SURE = 0.95
@@ -37,10 +35,16 @@ def robust_score(search: Search, fit: Fit, candidate: Candidate) -> Score:
     common with the columns.
     """
     score = _in_bursts(search, fit, candidate)
-    if is_coarse(search.problem):
+    if is_coarse(search.problem) and not _is_travel(search, candidate):
         other = _in_bursts(search, search.fit(fit.effects, search.sensed), candidate)
         score = replace(score, statistic=min(score.statistic, other.statistic / UNSURE**2))
     return score
+
+
+def _is_travel(search: Search, candidate: Candidate) -> bool:
+    """Whether a candidate is seen where encoders on both sides part, and not in torques alone."""
+    m = search.problem.model.n_motors
+    return search.problem.kinematic and any(columns[:, m:].any() for columns in search.columns(candidate))
 
 
 def _in_bursts(search: Search, fit: Fit, candidate: Candidate) -> Score:
@@ -57,7 +61,7 @@ def _in_bursts(search: Search, fit: Fit, candidate: Candidate) -> Score:
     c = X @ fit.residual - (X @ Z.T) @ room @ (Z @ fit.residual)
     gram = X @ X.T - (X @ Z.T) @ room @ (Z @ X.T)
     score = scored(gram, c, np.einsum("ij,ij->i", W, W), np.diag(gram), candidate.effect.signs)
-    if not np.isfinite(score.statistic) or (not candidate.named and score.statistic > DROWNING):
+    if not np.isfinite(score.statistic) or not candidate.named:  # the latter leaves what it does not describe
         return score
     own = score.beta @ X
     rest = fit.residual - own
@@ -68,8 +72,11 @@ def _in_bursts(search: Search, fit: Fit, candidate: Candidate) -> Score:
 def offsets(search: Search, fit: Fit) -> Vector:
     """Give what constant errors of the encoders may bring, whitened, as far as a fit leaves it, shape (n, n_rows).
 
-    Each is as large as half a step of the encoder, at the joint.
+    Each is as large as half a step of the encoder, at the joint. Where both sides have encoders, the travel between
+    them counts for as much already (`Run.without_mean`).
     """
+    if search.problem.kinematic:
+        return np.zeros((0, fit.n_rows))
     known = search.kept_offsets.get(fit)
     if known is None:
         steps = search.problem.sensors.joint_steps

@@ -121,7 +121,7 @@ def beyond_training(judge: Search, fit: Fit, limit: float = 4.0) -> dict[str, An
     floor = np.hypot(np.maximum(noise_floor(judge, fit.effects), least), _accuracy(judge, fit))
     anew = judge.left_over(fit.effects, smooth=False)[1].rms  # other poses may need masses that the training left open
     rest = judge.still(errors(judge, fit.base, fit.effects, fit.beta))
-    times = np.minimum(anew, rms(judge, rest)) / floor
+    times = np.minimum(2.0 * anew, rms(judge, rest)) / floor
     worst = int(np.argmax(times))
     if times[worst] < limit:
         return None
