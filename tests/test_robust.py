@@ -1,0 +1,109 @@
+"""What keeps a diagnosis from claiming too much: bursts of noise, coarse encoders, recordings that it has not seen."""
+
+import numpy as np
+import pytest
+
+from cdm_pin.base import base_parameters, massive_columns
+from cdm_pin.diagnose import diagnose
+from cdm_pin.effects import CATALOGUE, Candidate, at_known_place, guide_places, pair_places
+from cdm_pin.model import load_model
+from cdm_pin.plant.draw import draw
+from cdm_pin.problem import make_problem
+from cdm_pin.recording import Recording, load_recording
+from cdm_pin.robust import bursts, offsets, robust_score
+from cdm_pin.selection import Search, Settings, all_candidates
+from cdm_pin.sensor_noise import motion_limit
+from cdm_pin.signals import prepare
+
+
+def loaded(folder, seed, **options):
+    trial = draw(seed, **options)
+    files = trial.write(folder)
+    model = load_model(files["manipulator"])
+    runs, unseen = ([load_recording(path, model) for path in files[k]] for k in ("recordings", "holdout"))
+    return model, runs, unseen
+
+
+def test_bursts_count_where_the_effect_acts():
+    """Even noise counts once; ten times as large where alone the effect acts, a hundred times; and in runs."""
+    rng, n = np.random.default_rng(0), 6000
+    noise, steady = rng.normal(size=n), rng.normal(size=n)
+    assert bursts(steady, noise) < 1.1
+    short = steady * (np.arange(n) < n // 10)
+    assert 30 < bursts(short, noise * np.where(np.arange(n) < n // 10, 10.0, 1.0)) < 200
+    assert bursts(short, noise * np.where(np.arange(n) < n // 10, 1.0, 10.0)) < 1.2
+    alike = np.repeat(rng.normal(size=n // 24), 24)
+    assert bursts(np.ones(n), alike) > 10
+
+
+def test_an_offset_below_half_a_step_is_no_evidence(tmp_path):
+    """What an encoder's zero may be off by lowers the statistic of a constant, not that of friction."""
+    model, runs, _ = loaded(tmp_path, 2, n_links=2, effects=0, positions="joint", bits=14, duration=30.0)
+    problem = make_problem(model, runs)
+    search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
+    fit = search.fit([])
+    (first, *_) = all_candidates(problem, ["encoder_offset"])
+    step = problem.sensors.joint_steps[0]
+    assert step == pytest.approx(2 * np.pi / 2**14, rel=1e-6)
+    column = fit.rest(search.white(fit.whitener, search.columns(first)))
+    assert offsets(search, fit)[0] == pytest.approx(0.5 * step * column[0])
+    hidden = fit.residual + 0.4 * step * column[0]
+    shifted = type(fit)(**{**fit.__dict__, "residual": hidden})
+    assert robust_score(search, shifted, first).statistic < 1.0 + search.score(fit, first).statistic
+
+
+@pytest.mark.parametrize(("line", "low", "high"), [(0.0, 0.2, 2.0), (2e-3, 5.9, 6.5)])
+def test_accelerations_are_heard_up_to_where_the_motion_ends(line, low, high):
+    """A slow motion under encoder noise ends early; a vibration at 6 Hz that stands out is part of it."""
+    model = load_model("urdf/planar3.yaml")
+    rng, t = np.random.default_rng(0), np.arange(6000) / 100
+    q = 0.6 * np.sin(2 * np.pi * np.array([0.2, 0.13, 0.27]) * t[:, None] + 1.0)
+    q = q + line * np.sin(2 * np.pi * 6.0 * t)[:, None] + 1e-4 * rng.normal(size=q.shape)
+    signals = prepare(Recording(t, {"joint_position": q, "motor_torque": rng.normal(size=q.shape)}), model)
+    assert low < motion_limit(model, signals, 9.0) < high
+
+
+def test_friction_of_a_contact_takes_no_place_that_it_cannot_have():
+    """Dry friction that two motors share stays theirs where it is that of a cable over a guide; hysteresis moves."""
+    model = load_model("urdf/planar3.yaml")
+    guide = guide_places(model)[0]
+    own = np.array(guide.weights(model))
+    (i, k) = np.flatnonzero(own)[:2]
+    pair = next(p for p in pair_places(model) if set(p.index) == {i, k})
+    for name, kind in (("coulomb_friction", "combination"), ("hysteresis", "cable")):
+        shape = (0.05,) if name == "coulomb_friction" else (0.05, 0.0)
+        moved = at_known_place(Candidate(CATALOGUE[name], pair, (*shape, own[i] / own[k])), model)
+        assert moved.place.location["kind"] == kind
+
+
+def test_what_only_unseen_recordings_show_is_said(tmp_path):
+    """A bump that the training never reaches: nothing is named, nor is the model called complete."""
+    model, runs, unseen = loaded(tmp_path, 945, out_of_catalogue=True)
+    content = diagnose(model, runs, unseen).content
+    assert content["verdict"] == "unexplained" and not content["findings"]
+    assert content["unexplained"]["location"] == {"kind": "joint", "index": 3}
+    assert "not learned from" in content["unexplained"]["region"]
+
+
+def test_unseen_recordings_second_what_errors_of_laws_could_explain(tmp_path):
+    """Base tilt beside far larger friction and a spring: the training alone would not claim it."""
+    model, runs, unseen = loaded(tmp_path, 948, effects=3)
+    found = {f["effect"] for f in diagnose(model, runs, unseen).content["findings"]}
+    assert found == {"capstan_friction", "joint_spring", "base_tilt"}
+
+
+def test_gains_do_not_live_on_the_torque_of_what_they_replace(tmp_path):
+    """A spring and a wrong gain: two gains on the torque of a spring that is gone fit nothing."""
+    model, runs, unseen = loaded(tmp_path, 44563109840545, effects=3, at_least=50.0, bits=17)
+    content = diagnose(model, runs, unseen).content
+    assert content["findings"][0]["effect"] == "joint_spring"
+    assert np.max(np.divide(*[content["fit"]["holdout"][k] for k in ("rmse_augmented", "noise_floor")])) < 3.0
+
+
+def test_a_refinement_that_masses_hide_is_listed(tmp_path):
+    """Unequal friction whose difference the masses take up: equal friction is named, the other beside it."""
+    model, runs, unseen = loaded(tmp_path, 171121126677185, effects=1, at_least=50.0, bits=17)
+    (finding,) = diagnose(model, runs, unseen).content["findings"]
+    assert {"effect": "asymmetric_friction", "location": {"kind": "joint", "index": 3}} in [
+        {k: x[k] for k in ("effect", "location")} for x in [finding, *finding["indistinguishable_from"]]
+    ]
