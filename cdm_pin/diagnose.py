@@ -145,7 +145,7 @@ def _validated(seen: Problem | None, explanation: Explanation) -> tuple[Search |
         return judge, explanation
     more = _seconded(judge, explanation)
     if more is not explanation:
-        judge, explanation = _judge(seen, more), more
+        judge, explanation = _judge(seen, more) or judge, more
     return judge, _judged(judge, explanation)
 
 

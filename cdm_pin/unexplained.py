@@ -121,7 +121,8 @@ def beyond_training(judge: Search, fit: Fit, limit: float = 4.0) -> dict[str, An
     floor = np.hypot(np.maximum(noise_floor(judge, fit.effects), least), _accuracy(judge, fit))
     anew = judge.left_over(fit.effects, smooth=False)[1].rms  # other poses may need masses that the training left open
     rest = judge.still(errors(judge, fit.base, fit.effects, fit.beta))
-    times = np.minimum(2.0 * anew, rms(judge, rest)) / floor
+    size = rms(judge, rest)
+    times = np.minimum(2.0 * anew, size) / floor
     worst = int(np.argmax(times))
     if times[worst] < limit:
         return None
@@ -130,8 +131,8 @@ def beyond_training(judge: Search, fit: Fit, limit: float = 4.0) -> dict[str, An
     if judge.problem.torque:
         inside = [e[: model.n_motors, a:b] for e, run in zip(rest, judge.problem.segments, strict=True) for a, b in run]
         place = _place_along(np.linalg.svd(np.concatenate(inside, axis=1), full_matrices=False)[0][:, 0], model)
-    words = f"recordings that were not learned from: there the error is {times[worst]:.1f} times the noise"
-    return something(place["kind"], place["index"], words, float(rms(judge, rest)[worst]))
+    words = f"in unseen recordings alone, whose error is {size[worst] / floor[worst]:.1f} times the noise"
+    return something(place["kind"], place["index"], words, float(size[worst]))
 
 
 def _accuracy(search: Search, fit: Fit) -> Vector:

@@ -82,7 +82,7 @@ def test_what_only_unseen_recordings_show_is_said(tmp_path):
     content = diagnose(model, runs, unseen).content
     assert content["verdict"] == "unexplained" and not content["findings"]
     assert content["unexplained"]["location"] == {"kind": "joint", "index": 3}
-    assert "not learned from" in content["unexplained"]["region"]
+    assert "in unseen recordings alone" in content["unexplained"]["region"]
 
 
 def test_unseen_recordings_second_what_errors_of_laws_could_explain(tmp_path):
