@@ -731,18 +731,24 @@ def motor_joint_places(model: CableModel) -> list[Place]:
 
 
 def coupled_alike(model: CableModel, candidate: Candidate) -> list[dict[str, Any]]:
-    """List the motors and joints whose coupling, at a ratio of its own, is the same combination of motors."""
-    if candidate.effect.name != "transmission_coupling":
+    """List the motors and joints whose coupling, at a ratio of its own, is the same combination of motors.
+
+    Friction between two motors is a coupling without inertia.
+    """
+    E, eye, own = model.joint_from_motor, np.eye(model.n_motors), None
+    if candidate.effect.name == "transmission_coupling":
+        own = candidate.place.index
+        w = eye[own[0]] + candidate.shape[1] * E[own[1]]
+    elif candidate.effect.name in ("coulomb_friction", "viscous_friction") and candidate.place.is_pair:
+        w = np.array(paired(candidate.place, candidate.shape)[0].B)
+    else:
         return []
-    E, eye = model.joint_from_motor, np.eye(model.n_motors)
-    i, k = candidate.place.index
-    w = eye[i] + candidate.shape[1] * E[k]
     out = []
     for place in motor_joint_places(model):
         pair = np.stack([eye[place.index[0]], E[place.index[1]]], axis=1)
         x = np.linalg.lstsq(pair, w, rcond=1e-9)[0]
         alike = np.linalg.norm(pair @ x - w) < 1e-6 * np.linalg.norm(w)
-        if alike and place.index != (i, k) and 0.0 < abs(x[1]) <= 1.5 * abs(x[0]):
+        if alike and place.index != own and 0.0 < abs(x[1]) <= 1.5 * abs(x[0]):
             out.append(place.location)
     return out
 

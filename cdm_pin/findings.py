@@ -229,7 +229,7 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
         elif alias["kind"] in kinds - {"cable"}:
             add(effect.name, alias)
     for other in coupled_alike(search.problem.model, found.candidate):
-        add(effect.name, other)
+        add("transmission_coupling", other)
     return out
 
 
