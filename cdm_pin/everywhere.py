@@ -36,8 +36,9 @@ def rubs_everywhere(search: Search, bank: Bank, found: Sequence[Candidate], leas
     all_found, found = found, [c for c in found if not _rubs(c)]
     clear = search.clear([*found, *common])
     whole = search.fit([*found, *common], clear).deviance
-    if search.fit(all_found, clear).deviance < whole + LOUD:
-        return False
+    alone = search.fit(all_found, clear)
+    if alone.deviance < whole + LOUD and alone.deviance < alone.n_rows + 4.0 * np.sqrt(2.0 * alone.n_rows):
+        return False  # what was found is all
     worth = []
     for place in axes:
         rest = [c for c in common if c.place.location != place.location or c.effect.name == "torque_offset"]
@@ -48,8 +49,8 @@ def rubs_everywhere(search: Search, bank: Bank, found: Sequence[Candidate], leas
         return False
     rigid = search.fit([], clear)
     scores = search.score_all(rigid, bank)
-    alone = max(s.statistic for c, s in zip(bank.candidates, scores, strict=True) if not c.named)
-    return bool(rigid.deviance - alone > whole)
+    patch = max(s.statistic for c, s in zip(bank.candidates, scores, strict=True) if not c.named)
+    return bool(rigid.deviance - patch > whole)
 
 
 def _rubs(candidate: Candidate) -> bool:
