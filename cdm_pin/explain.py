@@ -182,13 +182,12 @@ def _simplest(explanation: Explanation) -> Explanation:
     search, accepted = explanation.search, [f.candidate for f in explanation.found]
     for j, found in enumerate(explanation.found):
         slack = max(search.settings.close, 0.5 * search.settings.law_error**2 * found.score.statistic)
-        near = [(c, difference) for c, difference in found.rivals if c.named == found.candidate.named]
-        alike = [
-            c
-            for c, difference in near
-            if difference > -(slack if c.location == found.candidate.location else search.settings.close)
-        ]
-        accepted[j] = min([found.candidate, *alike], key=search.size)
+        alike = [found.candidate]
+        for rival, difference in found.rivals:
+            here = rival.place.location == found.candidate.place.location
+            if rival.named == found.candidate.named and difference > -(slack if here else search.settings.close):
+                alike.append(rival)
+        accepted[j] = min(alike, key=search.size)
     if accepted == [f.candidate for f in explanation.found]:
         return explanation
     return explained(search, explanation.bank, search.tuned(accepted, search.noise(accepted)))
@@ -428,7 +427,7 @@ def asked_but_for_laws(search: Search, bank: Bank, accepted: list[Candidate], mo
     for whitener in (None, search.clear(accepted)):
         fit = search.fit(accepted, whitener)
         for candidate, score, weight in _leaders(search, fit, bank, most, accepted):
-            if _is_significant(search, candidate, score, weight, fit):
+            if _is_significant(search, candidate, score, weight, fit) is not None:
                 out.setdefault(candidate.key, candidate)
     return list(out.values())
 
