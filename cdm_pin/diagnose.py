@@ -138,21 +138,19 @@ def diagnose(
 
 def _validated(seen: Problem | None, explanation: Explanation) -> tuple[Search | None, Explanation]:
     """Keep of an explanation what the unseen recordings confirm; give the search on them, about the same model, too."""
+    if seen is None:
+        return None, _weighed(None, explanation) if explanation.everywhere else explanation
     judge = _judge(seen, explanation)
     if explanation.everywhere:
         return judge, _weighed(judge, explanation)
-    if judge is None:
-        return judge, explanation
     more = _seconded(judge, explanation)
     if more is not explanation:
-        judge, explanation = _judge(seen, more) or judge, more
-    return judge, _judged(judge, explanation)
+        judge = _judge(seen, more)
+    return judge, _judged(judge, more)
 
 
-def _judge(seen: Problem | None, explanation: Explanation) -> Search | None:
-    """Give the search on the unseen recordings, about the model of an explanation; None where there are none."""
-    if seen is None:
-        return None
+def _judge(seen: Problem, explanation: Explanation) -> Search:
+    """Give the search on the unseen recordings, about the model of an explanation."""
     search, fit = explanation.search, explanation.fit
     pairs = list(zip(fit.effects, fit.beta, strict=True))
     return search.judge(seen.with_model(search.problem.model).with_loads(pairs))
@@ -185,12 +183,12 @@ def _judged(judge: Search, explanation: Explanation) -> Explanation:
     """
     search = explanation.search
     for turn in range(5):
-        again = _reconsidered(judge, explanation)
-        if again is not explanation:
-            effects = [f.candidate for f in again.found]
-            patched = patch(search, again.bank, effects) or effects
-            beside = len(patched) > len(effects) and all(c in patched for c in effects)
-            explanation = explained(search, again.bank, patched) if beside else again
+        before, explanation = explanation, _reconsidered(judge, explanation)
+        if explanation is not before:
+            effects = [f.candidate for f in explanation.found]
+            patched = patch(search, explanation.bank, effects)
+            if patched is not None and all(c in patched for c in effects):
+                explanation = explained(search, explanation.bank, patched)
         kept = [f for j, f in enumerate(explanation.found) if _helps(judge, explanation, j)]
         if len(kept) == len(explanation.found):
             break
@@ -310,26 +308,26 @@ def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
     if fit.effects[j].effect.name in ONCE:
         return True
     without = explanation.search.without(fit, j)
-    level = np.maximum(noise_floor(judge, fit.effects), 1e-12)
-    with_it, without_it = (_plain(judge, f, level) for f in (fit, without))
+    with_it, without_it = _plain(judge, fit, without)
     if with_it < CARRIED * without_it:
         return True
     change = [a - b for a, b in zip(stacked(judge, fit), stacked(judge, without), strict=True)]
     due = updated(judge, without, change)[0]
     if deviance_unseen(judge, without) - deviance_unseen(judge, fit) < max(3.0 * found.candidate.named, 0.1 * due):
         return False
-    return with_it < 1.01 * without_it or with_it > 9.0 * len(level)
+    return with_it < 1.01 * without_it or with_it > 9.0 * judge.problem.n_channels
 
 
-def _plain(judge: Search, fit: Fit, level: Vector) -> float:
-    return _weighted(judge, judge.still(errors(judge, fit.base, fit.effects, fit.beta)), level)
+def _plain(judge: Search, fit: Fit, without: Fit) -> list[float]:
+    """Give the squared errors of two fits on the unseen recordings, drifts aside, in units of the first one's noise."""
+    level = np.maximum(noise_floor(judge, fit.effects), 1e-12)
+    return [_weighted(judge, judge.still(errors(judge, f.base, f.effects, f.beta)), level) for f in (fit, without)]
 
 
 def _carries(judge: Search, explanation: Explanation, j: int) -> bool:
     """Whether finding `j` takes nearly all of the plain error on the unseen recordings away, whatever is left."""
-    level = np.maximum(noise_floor(judge, explanation.fit.effects), 1e-12)
-    without = explanation.search.without(explanation.fit, j)
-    return _plain(judge, explanation.fit, level) < CARRIED * _plain(judge, without, level)
+    with_it, without_it = _plain(judge, explanation.fit, explanation.search.without(explanation.fit, j))
+    return with_it < CARRIED * without_it
 
 
 def _fit_content(search: Search, rigid: Fit, fit: Fit, judged: Search) -> dict[str, Any]:

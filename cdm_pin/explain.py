@@ -303,7 +303,6 @@ def _sided(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Searc
         return fit.deviance + np.log(fit.n_rows) * there.size(*effects), there, effects
 
     plain, model, best = CATALOGUE["coulomb_friction"], search.problem.model, None
-    sliding = {place.location["kind"] for place in plain.places(model)}
     for j, candidate in enumerate(accepted):
         if not (candidate.named and candidate.loads and len(candidate.place.index) == 1):
             continue
@@ -313,7 +312,7 @@ def _sided(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Searc
                 continue
             best = best or judged(accepted)
             laws = [replace(candidate, place=twin)]
-            if candidate.effect.nuisance_shape and twin.location["kind"] in sliding and candidate.effect is not plain:
+            if candidate.effect.nuisance_shape and candidate.effect is not plain:
                 laws.append(Candidate(plain, twin, candidate.shape[:1], candidate.detail))
             for law in laws:
                 other = judged([*accepted[:j], law, *accepted[j + 1 :]])
@@ -677,16 +676,20 @@ def prune(search: Search, accepted: list[Candidate]) -> list[Candidate]:
         for j, candidate in enumerate(accepted):
             without = search.without(fit, j)
             score = search.score(without, candidate)
-            quiet = not _passes(search, candidate, score, 0.01, without)
-            if _backwards(search, fit, j):
-                score = replace(score, statistic=-np.inf)
-            loud = is_loud(robust_score(search, without, candidate)) and is_resolved(search, candidate, score.beta)
-            if score.statistic < worst and ((quiet and not loud) or score.statistic < 0.0):
-                weakest, worst = j, score.statistic
+            statistic = -np.inf if _backwards(search, fit, j) else score.statistic
+            if statistic < worst and (statistic < 0.0 or not _stands(search, candidate, score, without)):
+                weakest, worst = j, statistic
         if weakest < 0:
             return accepted
         accepted = [c for i, c in enumerate(accepted) if i != weakest]
     return accepted
+
+
+def _stands(search: Search, candidate: Candidate, score: Score, without: Fit) -> bool:
+    """Whether an effect in the model passes as a new one would, or is resolved and too loud for an error of laws."""
+    if _passes(search, candidate, score, 0.01, without):
+        return True
+    return is_resolved(search, candidate, score.beta) and is_loud(robust_score(search, without, candidate))
 
 
 def _backwards(search: Search, fit: Fit, j: int) -> bool:

@@ -240,9 +240,10 @@ def _leaning(search: Search, without: Fit, found: Found) -> list[tuple[Candidate
     """
     own = found.candidate
     torque = search.score(without, own).beta @ search.white(without.whitener, search.columns(own))
-    evidence = _evidence(search, without, own, float(torque @ torque))
+    size = float(torque @ torque)
+    evidence = _evidence(search, without, own, size)
     rivals = [c for c, _ in found.rivals if c.named]
-    differences = [_evidence(search, without, c, float(torque @ torque)) - evidence for c in rivals]
+    differences = [_evidence(search, without, c, size) - evidence for c in rivals]
     turn = Counter[str]()
     order = []
     for difference, i in sorted((-d, i) for i, d in enumerate(differences)):

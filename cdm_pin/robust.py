@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from .effects import Candidate
 from .geometry import Vector
 from .problem import Problem
-from .selection import Fit, Score, Search, all_candidates, scored
+from .selection import Fit, Score, Search, scored
 
 BLOCKS = (1, 8, 24)
 """Lengths of bursts, in samples of the band."""
@@ -56,7 +56,7 @@ def _in_bursts(search: Search, fit: Fit, candidate: Candidate) -> Score:
     (White, Econometrica 48(4), 1980; Newey, West, Econometrica 55(3), 1987).
     """
     W = search.white(fit.whitener, search.columns(candidate))
-    X, Z = fit.rest(W), offsets(search, fit)
+    X, Z = fit.rest(W), search.offsets(fit)
     room = np.linalg.inv(np.eye(len(Z)) + Z @ Z.T)
     c = X @ fit.residual - (X @ Z.T) @ room @ (Z @ fit.residual)
     gram = X @ X.T - (X @ Z.T) @ room @ (Z @ X.T)
@@ -67,25 +67,6 @@ def _in_bursts(search: Search, fit: Fit, candidate: Candidate) -> Score:
     rest = fit.residual - own
     rest = rest - (room @ (Z @ rest)) @ Z
     return replace(score, statistic=score.statistic / max(bursts(own, rest), 1.0))
-
-
-def offsets(search: Search, fit: Fit) -> Vector:
-    """Give what constant errors of the encoders may bring, whitened, as far as a fit leaves it, shape (n, n_rows).
-
-    Each is as large as half a step of the encoder, at the joint. Where both sides have encoders, the travel between
-    them counts for as much already (`Run.without_mean`).
-    """
-    if search.problem.kinematic:
-        return np.zeros((0, fit.n_rows))
-    known = search.kept_offsets.get(fit)
-    if known is None:
-        steps = search.problem.sensors.joint_steps
-        held = {c.location["index"] for c in fit.effects if c.effect.name == "encoder_offset"}
-        places = [c for c in all_candidates(search.problem, ("encoder_offset",)) if c.location["index"] not in held]
-        rows = [0.5 * steps[c.place.index[0]] * search.white(fit.whitener, search.columns(c)) for c in places]
-        known = fit.rest(np.concatenate(rows)) if rows else np.zeros((0, fit.n_rows))
-        search.kept_offsets.keep(known, fit)
-    return known
 
 
 def bursts(own: Vector, rest: Vector) -> float:

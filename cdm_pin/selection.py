@@ -236,7 +236,7 @@ class Search:
         self._scores: Recent = Recent(8)
         self._sizes: Recent = Recent(8)
         self._rests: Recent = Recent(8)
-        self.kept_offsets: Recent = Recent(8)
+        self._offsets: Recent = Recent(8)
 
     def about(self, fit: Fit) -> Search:
         """Give the same search about a fit: its inertial parameters, and the torques that its effects bring."""
@@ -659,6 +659,27 @@ class Search:
                     doubts = self.problem.reduce(lambda motion, c=candidate, b=beta: c.doubts(motion, b))
                     known = known + np.abs(self.white(fit.whitener, [d.dense() for d in doubts])).sum(axis=0)
             self._sizes.keep(known, fit)
+        return known
+
+    def offsets(self, fit: Fit) -> Vector:
+        """Give what constant errors of the encoders may bring, whitened, as far as a fit leaves it.
+
+        Each is as large as half a step of the encoder, at the joint. Where both sides have encoders, the travel between
+        them counts for as much already (`Run.without_mean`).
+
+        Returns
+        -------
+        ndarray, shape (n, n_rows)
+        """
+        if self.problem.kinematic:
+            return np.zeros((0, fit.n_rows))
+        known = self._offsets.get(fit)
+        if known is None:
+            steps = self.problem.sensors.joint_steps
+            held = {c.location["index"] for c in fit.effects if c.effect.name == "encoder_offset"}
+            places = [c for c in all_candidates(self.problem, ("encoder_offset",)) if c.location["index"] not in held]
+            rows = [0.5 * steps[c.place.index[0]] * self.white(fit.whitener, self.columns(c)) for c in places]
+            known = self._offsets.keep(fit.rest(np.concatenate(rows)) if rows else np.zeros((0, fit.n_rows)), fit)
         return known
 
     def bank(self, candidates: Sequence[Candidate]) -> Bank:

@@ -15,7 +15,7 @@ from .geometry import Vector
 from .measured import both_positions, measured_torques
 from .model import CableModel
 from .signals import Signals
-from .signals_filters import differentiate, lowpass, noise_floor
+from .signals_filters import differentiate, lowpass, noise_floor, stretches
 
 
 @dataclass(frozen=True)
@@ -113,8 +113,7 @@ def motion_limit(model: CableModel, signals: Signals, most: float, least: float 
     least, line : float
         Power over half a hertz, and of single lines, that stands out, as multiples of the noise.
     """
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], signals.valid.astype(int), [0]])))
-    start, stop = max(zip(edges[::2], edges[1::2], strict=True), key=lambda s: s[1] - s[0], default=(0, 0))
+    start, stop = max(stretches(signals.valid), key=lambda s: s[1] - s[0], default=(0, 0))
     if stop - start < 64:
         return np.inf
     q = both_positions(model, signals.logged)[0][start:stop]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .errors import RecordingError
-from .signals_filters import differentiate, lowpass, moves, quantisation_step
+from .signals_filters import differentiate, lowpass, moves, quantisation_step, stretches
 
 if TYPE_CHECKING:
     from .recording import Robot
@@ -132,8 +132,7 @@ def standstill(signals: Signals, shortest: float = 0.25) -> np.ndarray:
         if name in signals.channels:
             v = signals.channels[name.replace("position", "velocity")]
             still &= np.all(np.abs(v) < 0.01 * np.abs(v).max(axis=0) + 1e-12, axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+    for start, stop in stretches(still):
         if stop - start < shortest * signals.rate:
             still[start:stop] = False
     return still
@@ -260,7 +259,7 @@ def _saturation_checks(signals: Signals) -> list[Check]:
         for j, x in enumerate(signals.recording.channels.get(name, np.zeros((0, 0))).T):
             step = quantisation_step(x)
             for limit in (x.max(), x.min()) if np.ptp(x) > 0 else ():
-                starts, stops = _runs(x == limit)
+                starts, stops = np.array(stretches(x == limit)).reshape(-1, 2).T
                 long = stops - starts >= 3
                 entries = np.abs(x[np.maximum(starts[long] - 5, 0)] - limit)
                 share = np.sum((stops - starts)[long]) / len(x)
@@ -268,11 +267,6 @@ def _saturation_checks(signals: Signals) -> list[Check]:
                     message = f"stands at {limit:.4g} in {100 * share:.2g} % of the samples: saturated?"
                     found.append(Check("saturation", f"{name}_{j + 1}", message))
     return found
-
-
-def _runs(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
-    return edges[::2], edges[1::2]
 
 
 def _standstill_checks(signals: Signals) -> list[Check]:

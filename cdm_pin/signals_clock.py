@@ -17,7 +17,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from .recording import Recording
-from .signals_filters import differentiate, lowpass, resample_uniform
+from .signals_filters import differentiate, lowpass, resample_uniform, stretches
 
 LEAST = 2e-3  # of a step: what rows are off their stamps in the highest band, else there is nothing to put right
 STUCK = 5  # rows: a longer run of equal rows is a stretch without data, a shorter one a logger that read too early
@@ -85,9 +85,8 @@ def repeated_rows(recording: Recording) -> np.ndarray:
         return np.zeros(len(everything), bool)
     same = np.concatenate([[False], np.all(np.diff(everything, axis=0) == 0, axis=1)])
     step = np.concatenate([[0.0], np.max(np.abs(np.diff(np.hstack(positions), axis=0)), axis=1)])
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int)))
     repeats = np.zeros(len(same), bool)
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+    for start, stop in stretches(same):
         before, after = step[start - 1] if start > 1 else 0.0, step[stop] if stop < len(step) else 0.0
         moving = before > 0 and after > 0
         jumped = after > 0.3 * (stop - start + 1) * max(before, 1e-300)

@@ -47,6 +47,12 @@ def resample_uniform(time: np.ndarray, x: np.ndarray, rate: float) -> tuple[np.n
     return grid, values
 
 
+def stretches(mask: np.ndarray) -> list[tuple[int, int]]:
+    """List where a mask is true: (start, stop) of each stretch."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int))).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
 def lowpass(x: np.ndarray, rate: float, cutoff: float, order: int = 4) -> np.ndarray:
     """Filter forwards and backwards with a Butterworth low-pass: zero phase, gain 1/2 (-6 dB) at the cut-off.
 

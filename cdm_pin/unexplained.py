@@ -95,8 +95,8 @@ def beyond_floor(search: Search, judge: Search | None, explanation: Explanation)
     limit = 2.0 if search.problem.torque else 1.5
     fit, both = explanation.fit, [search] if judge is None else [search, judge]
     rests = [there.left_over(fit.effects, smooth=False)[1].rms for there in both]
-    least = np.max([np.maximum(x.problem.sensed, x.settings.torque_error * x.loads) for x in both], axis=0)
-    floors = [np.hypot(np.maximum(noise_floor(there, fit.effects), least), _accuracy(there, fit)) for there in both]
+    least = np.max([_least(there) for there in both], axis=0)
+    floors = [_floor(there, fit, least) for there in both]
     ratios = np.divide(rests, floors)
     rest, ratio = rests[0], np.maximum(np.min(ratios, axis=0), 0.5 * ratios[-1] * (judge is not None))
     worst = int(np.argmax(ratio))
@@ -117,8 +117,7 @@ def beyond_training(judge: Search, fit: Fit, limit: float = 4.0) -> dict[str, An
         return None
     if deviance_unseen(judge, fit) < limit**2 * judge.body(fit.whitener).data.size:
         return None
-    least = np.maximum(judge.problem.sensed, judge.settings.torque_error * judge.loads)
-    floor = np.hypot(np.maximum(noise_floor(judge, fit.effects), least), _accuracy(judge, fit))
+    floor = _floor(judge, fit, _least(judge))
     anew = judge.left_over(fit.effects, smooth=False)[1].rms  # other poses may need masses that the training left open
     rest = judge.still(errors(judge, fit.base, fit.effects, fit.beta))
     size = rms(judge, rest)
@@ -130,9 +129,19 @@ def beyond_training(judge: Search, fit: Fit, limit: float = 4.0) -> dict[str, An
     place = {"kind": "motor", "index": worst % model.n_motors + 1}
     if judge.problem.torque:
         inside = [e[: model.n_motors, a:b] for e, run in zip(rest, judge.problem.segments, strict=True) for a, b in run]
-        place = _place_along(np.linalg.svd(np.concatenate(inside, axis=1), full_matrices=False)[0][:, 0], model)
+        place = _place_of(np.concatenate(inside, axis=1), model)
     words = f"in unseen recordings alone, whose error is {size[worst] / floor[worst]:.1f} times the noise"
     return something(place["kind"], place["index"], words, float(size[worst]))
+
+
+def _least(search: Search) -> Vector:
+    """Say below what nothing is unexplained: what the sensors bring, or the accuracy of the rigid body's torque."""
+    return np.maximum(search.problem.sensed, search.settings.torque_error * search.loads)
+
+
+def _floor(search: Search, fit: Fit, least: Vector) -> Vector:
+    """Give the error that noise, at least so large, and the accuracy of the laws leave, shape (n_channels,)."""
+    return np.hypot(np.maximum(noise_floor(search, fit.effects), least), _accuracy(search, fit))
 
 
 def _accuracy(search: Search, fit: Fit) -> Vector:
@@ -166,9 +175,14 @@ def wandering_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     both = np.concatenate(slow, axis=1)
     if np.all(np.sqrt(np.mean(both**2, axis=1)) < search.settings.torque_error * search.loads[:m]):
         return None
-    place = _place_along(np.linalg.svd(both, full_matrices=False)[0][:, 0], model)
+    place = _place_of(both, model)
     words = f"torque on {place['kind']} {place['index']} that wanders slowly with time"
     return something(place["kind"], place["index"], words, float(np.sqrt(np.mean(np.sum(both**2, axis=0)))))
+
+
+def _place_of(torque: Vector, model: CableModel) -> dict[str, Any]:
+    """Give the place along which most of a torque of the motors acts, shape (n_motors, n)."""
+    return _place_along(np.linalg.svd(torque, full_matrices=False)[0][:, 0], model)
 
 
 def _place_along(direction: Vector, model: CableModel) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from scipy.special import gammaln
 from scipy.stats import chi2
 
 from .geometry import Vector
+from .signals_filters import stretches
 
 Segments = Sequence[tuple[int, int]]
 
@@ -233,8 +234,7 @@ def quiet_segments(
         if loud.sum() > 0.3 * inside.sum():
             out.append(run)
             continue
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], (inside & ~loud).astype(int), [0]])))
-        kept = [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 60]
+        kept = [(a, b) for a, b in stretches(inside & ~loud) if b - a > 60]
         out.append(kept if sum(b - a for a, b in kept) > 0.3 * inside.sum() else run)
     return out
 

@@ -4,13 +4,13 @@ import json
 
 import numpy as np
 import pytest
+from trials import written_trial
 
 from cdm_pin.band import make_band
 from cdm_pin.cli import main
 from cdm_pin.diagnose import diagnose, distinct
 from cdm_pin.model import load_model
-from cdm_pin.plant.draw import draw
-from cdm_pin.recording import Recording, load_recording
+from cdm_pin.recording import Recording
 
 KEYS = {
     "schema",
@@ -26,12 +26,7 @@ KEYS = {
 
 def blind(folder, seed, effects, **options):
     """Draw a trial on the independent plant and load what a user would have."""
-    trial = draw(seed, effects=effects, n_links=2, duration=40.0, **options)
-    files = trial.write(folder)
-    model = load_model(files["manipulator"])
-    runs = [load_recording(path, model) for path in files["recordings"]]
-    unseen = [load_recording(path, model) for path in files["holdout"]]
-    return model, runs, unseen, trial.truth, files
+    return written_trial(folder, seed, effects=effects, n_links=2, duration=40.0, **options)
 
 
 def names(finding):

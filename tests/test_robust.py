@@ -2,26 +2,18 @@
 
 import numpy as np
 import pytest
+from trials import loaded_trial
 
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.diagnose import diagnose
 from cdm_pin.effects import CATALOGUE, Candidate, at_known_place, guide_places, pair_places
 from cdm_pin.model import load_model
-from cdm_pin.plant.draw import draw
 from cdm_pin.problem import make_problem
-from cdm_pin.recording import Recording, load_recording
-from cdm_pin.robust import bursts, offsets, robust_score
+from cdm_pin.recording import Recording
+from cdm_pin.robust import bursts, robust_score
 from cdm_pin.selection import Search, Settings, all_candidates
 from cdm_pin.sensor_noise import motion_limit
 from cdm_pin.signals import prepare
-
-
-def loaded(folder, seed, **options):
-    trial = draw(seed, **options)
-    files = trial.write(folder)
-    model = load_model(files["manipulator"])
-    runs, unseen = ([load_recording(path, model) for path in files[k]] for k in ("recordings", "holdout"))
-    return model, runs, unseen
 
 
 def test_bursts_count_where_the_effect_acts():
@@ -38,7 +30,7 @@ def test_bursts_count_where_the_effect_acts():
 
 def test_an_offset_below_half_a_step_is_no_evidence(tmp_path):
     """What an encoder's zero may be off by lowers the statistic of a constant, not that of friction."""
-    model, runs, _ = loaded(tmp_path, 2, n_links=2, effects=0, positions="joint", bits=14, duration=30.0)
+    model, runs, _, _ = loaded_trial(tmp_path, 2, n_links=2, effects=0, positions="joint", bits=14, duration=30.0)
     problem = make_problem(model, runs)
     search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
     fit = search.fit([])
@@ -46,7 +38,7 @@ def test_an_offset_below_half_a_step_is_no_evidence(tmp_path):
     step = problem.sensors.joint_steps[0]
     assert step == pytest.approx(2 * np.pi / 2**14, rel=1e-6)
     column = fit.rest(search.white(fit.whitener, search.columns(first)))
-    assert offsets(search, fit)[0] == pytest.approx(0.5 * step * column[0])
+    assert search.offsets(fit)[0] == pytest.approx(0.5 * step * column[0])
     hidden = fit.residual + 0.4 * step * column[0]
     shifted = type(fit)(**{**fit.__dict__, "residual": hidden})
     assert robust_score(search, shifted, first).statistic < 1.0 + search.score(fit, first).statistic
@@ -78,7 +70,7 @@ def test_friction_of_a_contact_takes_no_place_that_it_cannot_have():
 
 def test_what_only_unseen_recordings_show_is_said(tmp_path):
     """A bump that the training never reaches: nothing is named, nor is the model called complete."""
-    model, runs, unseen = loaded(tmp_path, 945, out_of_catalogue=True)
+    model, runs, unseen, _ = loaded_trial(tmp_path, 945, out_of_catalogue=True)
     content = diagnose(model, runs, unseen).content
     assert content["verdict"] == "unexplained" and not content["findings"]
     assert content["unexplained"]["location"] == {"kind": "joint", "index": 3}
@@ -87,14 +79,14 @@ def test_what_only_unseen_recordings_show_is_said(tmp_path):
 
 def test_unseen_recordings_second_what_errors_of_laws_could_explain(tmp_path):
     """Base tilt beside far larger friction and a spring: the training alone would not claim it."""
-    model, runs, unseen = loaded(tmp_path, 948, effects=3)
+    model, runs, unseen, _ = loaded_trial(tmp_path, 948, effects=3)
     found = {f["effect"] for f in diagnose(model, runs, unseen).content["findings"]}
     assert found == {"capstan_friction", "joint_spring", "base_tilt"}
 
 
 def test_gains_do_not_live_on_the_torque_of_what_they_replace(tmp_path):
     """A spring and a wrong gain: two gains on the torque of a spring that is gone fit nothing."""
-    model, runs, unseen = loaded(tmp_path, 44563109840545, effects=3, at_least=50.0, bits=17)
+    model, runs, unseen, _ = loaded_trial(tmp_path, 44563109840545, effects=3, at_least=50.0, bits=17)
     content = diagnose(model, runs, unseen).content
     assert content["findings"][0]["effect"] == "joint_spring"
     assert np.max(np.divide(*[content["fit"]["holdout"][k] for k in ("rmse_augmented", "noise_floor")])) < 3.0
@@ -102,7 +94,7 @@ def test_gains_do_not_live_on_the_torque_of_what_they_replace(tmp_path):
 
 def test_a_refinement_that_masses_hide_is_listed(tmp_path):
     """Unequal friction whose difference the masses take up: equal friction is named, the other beside it."""
-    model, runs, unseen = loaded(tmp_path, 171121126677185, effects=1, at_least=50.0, bits=17)
+    model, runs, unseen, _ = loaded_trial(tmp_path, 171121126677185, effects=1, at_least=50.0, bits=17)
     (finding,) = diagnose(model, runs, unseen).content["findings"]
     assert {"effect": "asymmetric_friction", "location": {"kind": "joint", "index": 3}} in [
         {k: x[k] for k in ("effect", "location")} for x in [finding, *finding["indistinguishable_from"]]

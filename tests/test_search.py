@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from trials import loaded_trial
 
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.diagnose import diagnose
@@ -14,21 +15,13 @@ from cdm_pin.model import load_model
 from cdm_pin.next_experiment import plan_next
 from cdm_pin.plant.draw import draw
 from cdm_pin.problem import make_problem
-from cdm_pin.recording import Recording, load_recording
+from cdm_pin.recording import Recording
 from cdm_pin.selection import Search, Settings, all_candidates, rms
 from cdm_pin.signals_filters import differentiate, lowpass
 from cdm_pin.spectra import spectrum, stands_out, whitener_of
 from cdm_pin.whitening import Lines, Whitener
 
 CAPSTAN = {"n_links": 2, "positions": "joint", "bits": 17, "noise": "white", "motion": "prescribed", "duration": 30.0}
-
-
-def loaded_trial(folder, seed, **options):
-    trial = draw(seed, **options)
-    files = trial.write(folder)
-    model = load_model(files["manipulator"])
-    runs, unseen = ([load_recording(path, model) for path in files[k]] for k in ("recordings", "holdout"))
-    return model, runs, unseen, trial.truth
 
 
 def test_a_spectrum_is_not_lowered_by_what_a_fit_takes():

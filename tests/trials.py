@@ -1,0 +1,18 @@
+"""Trials of the plant, written to files and read again as a user would."""
+
+from cdm_pin.model import load_model
+from cdm_pin.plant.draw import draw
+from cdm_pin.recording import load_recording
+
+
+def written_trial(folder, seed, **options):
+    """Draw a trial, write it and load what a user would have: model, recordings, unseen ones; with truth and files."""
+    trial = draw(seed, **options)
+    files = trial.write(folder)
+    model = load_model(files["manipulator"])
+    runs, unseen = ([load_recording(path, model) for path in files[k]] for k in ("recordings", "holdout"))
+    return model, runs, unseen, trial.truth, files
+
+
+def loaded_trial(folder, seed, **options):
+    return written_trial(folder, seed, **options)[:4]
