@@ -43,6 +43,8 @@ AGREEMENT = 0.3
 """Of many effects, what the unseen recordings make of one alone has to be like it by so much for it to be listed."""
 CARRIED = 0.1
 """Share of the squared error on unseen recordings that a finding beyond doubt leaves."""
+SURE = 15.0
+"""Penalised log-likelihood of a finding in the training that chance does not give."""
 SCHEMA = "cdm_pin.diagnosis/1"
 
 
@@ -300,8 +302,9 @@ def _weighted(search: Search, errors: Sequence[Vector], level: Vector) -> float:
 def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
     """Whether the unseen recordings are likelier with finding `j` than without it, by as much as they should be.
 
-    Where it is right, the whitened sum of squares falls by that of what it changes there; a tenth is asked for. The
-    plain error, drifts aside, must not rise either, unless masses that the training could not tell make most of it.
+    Where it is right, the whitened sum of squares falls by that of what it changes there, give or take twice the root;
+    a tenth is asked for, and 3 where they could show as much: what the training is sure of needs no more. The plain
+    error, drifts aside, must not rise either, unless masses that the training could not tell make most of it.
     Where nearly all of the plain error goes, no more is asked: slow noise could hide a constant from the likelihood.
     """
     found, fit = explanation.found[j], explanation.fit
@@ -313,9 +316,12 @@ def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
         return True
     change = [a - b for a, b in zip(stacked(judge, fit), stacked(judge, without), strict=True)]
     due = updated(judge, without, change)[0]
-    if deviance_unseen(judge, without) - deviance_unseen(judge, fit) < max(3.0 * found.candidate.named, 0.1 * due):
+    least = min(3.0, max(due - 6.0, 0.0)) if found.gain > SURE else 3.0
+    fall = deviance_unseen(judge, without) - deviance_unseen(judge, fit)
+    if fall < max(least * found.candidate.named, 0.1 * due):
         return False
-    return with_it < 1.01 * without_it or with_it > 9.0 * judge.problem.n_channels
+    rise = 1.03 if fall > max(0.5 * due, 20.0) else 1.01
+    return with_it < rise * without_it or with_it > 9.0 * judge.problem.n_channels
 
 
 def _plain(judge: Search, fit: Fit, without: Fit) -> list[float]:

@@ -178,7 +178,8 @@ def _in_turn(
 
 
 def _simplest(explanation: Explanation) -> Explanation:
-    """Let the simplest of those laws stand that the data cannot tell apart, at a place above all."""
+    """Let the simplest of those laws stand that the data cannot tell apart, at a place above all; dry friction first.
+    """
     search, accepted = explanation.search, [f.candidate for f in explanation.found]
     for j, found in enumerate(explanation.found):
         slack = max(search.settings.close, 0.5 * search.settings.law_error**2 * found.score.statistic)
@@ -187,7 +188,8 @@ def _simplest(explanation: Explanation) -> Explanation:
             here = rival.place.location == found.candidate.place.location
             if rival.named == found.candidate.named and difference > -(slack if here else search.settings.close):
                 alike.append(rival)
-        accepted[j] = min(alike, key=search.size)
+        rubs = "coulomb_friction" in found.candidate.effect.confounded
+        accepted[j] = min(alike, key=lambda c, rubs=rubs: (search.size(c), rubs and c.effect.name != "coulomb_friction"))
     if accepted == [f.candidate for f in explanation.found]:
         return explanation
     return explained(search, explanation.bank, search.tuned(accepted, search.noise(accepted)))
@@ -266,7 +268,10 @@ def _grow(search: Search, bank: Bank, accepted: list[Candidate], say: Reporter) 
         fit = search.fit(accepted)
         clear = search.fit(accepted, search.clear(accepted))
         if not _asked(search, fit, bank, accepted) and not _shouted(search, clear, bank, accepted):
-            break
+            alone = drowned(search, bank, accepted)
+            if alone is None:
+                break
+            clear = search.fit(accepted, alone)
         leaders = [c for c, _, _ in _leaders(search, clear, bank, 12, accepted)]
         say.looked(clear, leaders)
         winner = _winner(search, clear, leaders)
@@ -509,6 +514,28 @@ def _shouted(search: Search, clear: Fit, bank: Bank, taken: Sequence[Candidate])
     """
     loud = [x for x in _leaders(search, clear, bank, 10, taken) if is_loud(x[1])]
     return any(_passes(search, *leader, clear) for leader in loud)
+
+
+def drowned(search: Search, bank: Bank, taken: Sequence[Candidate], most: int = 6) -> Whitener | None:
+    """Give the noise beside a slow effect that passes for slow noise as long as it is not in the model; None if none.
+
+    Such an effect is looked for in white noise, and has to be significant by the likelihood ratio of the models with it
+    and without it, each in a noise of its own; what is estimated of its shape counts.
+    """
+    even, alarm = search.fit(taken, search.even(taken)), np.log(search.settings.alarm)
+    best, alone = 0.0, None
+    for candidate, score, weight in _leaders(search, even, bank, most, taken):
+        if family_wise(score, candidate, weight) >= alarm:
+            continue
+        candidate, _ = search.refine(even, candidate)
+        whitener, ratio = search.likelihood_ratio(taken, candidate)
+        fit = search.fit(taken, whitener)
+        score = search.score(fit, candidate)
+        whole = replace(score, statistic=min(ratio, score.statistic), k=score.k + candidate.extra)
+        p = family_wise(whole, candidate, weight)
+        if p < min(alarm, best) and _passes(search, candidate, score, weight, fit):
+            best, alone = p, whitener
+    return alone
 
 
 def _is_seconded(search: Search, fit: Fit, candidate: Candidate, score: Score, weight: float) -> bool:

@@ -142,6 +142,10 @@ def parameters(candidate: Candidate, beta: Vector, covariance: Vector) -> dict[s
     return out
 
 
+EQUAL = 0.9999
+"""Canonical correlation of two names for one thing on these data."""
+REFINED = 0.5
+"""Size of what refines a law of friction, as a share of the plain part."""
 SHAPES = ("phase", "cycles", "form", "ratio", "stribeck_velocity", "time_constant", "rest", "start", "end")
 """Parameters that say what an effect looks like, not how large it is."""
 
@@ -214,13 +218,14 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
             out.append(entry)
 
     slack = 0.5 * settings.law_error**2 * found.score.statistic
+    alike: list[tuple[bool, Candidate]] = []
     for rival, difference in _leaning(search, without, found):
-        if difference > -max(settings.close, slack):
-            add(rival.effect.name, rival.location)
-        elif difference > -0.1 * found.gain - 30 and (
-            canonical_correlation(search, without, found.candidate, rival) > settings.same
-        ):
-            add(rival.effect.name, rival.location)
+        likeness = canonical_correlation(search, without, found.candidate, rival)
+        near = difference > -0.1 * found.gain - 30 and likeness > settings.same
+        if difference > -max(settings.close, slack) or near:
+            alike.append((likeness > EQUAL, rival))
+    for _, rival in sorted(alike, key=lambda item: item[0]):  # what nothing could tell from it is said with its name
+        add(rival.effect.name, rival.location)
     effect = found.candidate.effect
     kinds = {place.location["kind"] for place in effect.places(search.problem.model)}
     for alias in found.candidate.place.aliases:
@@ -257,11 +262,14 @@ def _evidence(search: Search, without: Fit, candidate: Candidate, size: float) -
 
     Before the data are seen, each coefficient may bring a torque as large as that which is explained, `size`, the
     whitened sum of squares: a refinement that the data hardly see costs nothing, one that they would see well costs as
-    much as it could have been off. What is estimated of the shape counts as it does in Akaike's criterion.
+    much as it could have been off. What refines dry friction is some half of it. What is estimated of the shape counts
+    as it does in Akaike's criterion.
     """
     columns = search.white(without.whitener, search.columns(candidate))
     norm = np.linalg.norm(columns, axis=1, keepdims=True)
     left = without.rest(np.divide(columns, norm, out=np.zeros_like(columns), where=norm > 0))
+    if candidate.effect.nuisance_shape and len(left) > 1 and norm[0] > 0:
+        left[1:] *= REFINED * np.minimum(norm[1:] / norm[0], 1.0)
     room = float(np.linalg.slogdet(np.eye(len(left)) + size * left @ left.T)[1])
     return 0.5 * search.score(without, candidate).statistic - 0.5 * room - candidate.extra
 

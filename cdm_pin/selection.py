@@ -20,7 +20,7 @@ from .model import CableModel
 from .patches import PATCHES, TONE
 from .problem import Problem
 from .spectra import Spectrum, spectrum, stands_out, tone_peaks, whitener_of
-from .whitening import Lines, Segments, Whitener, fit_whitener, log_p, quiet_segments
+from .whitening import Lines, Segments, Whitener, fit_whitener, log_likelihood, log_p, quiet_segments
 
 _TORQUE_BOUND = frozenset(name for name, effect in CATALOGUE.items() if effect.follows or effect.weighs)
 SHORTEST = 1e-4  # [s] of delays
@@ -444,20 +444,59 @@ class Search:
         """Estimate the noise as what rigid body and effects leave over."""
         key = _key(effects)
         if key not in self._noise:
-            own = [self.columns(c) for c in effects]
-            banks = [
-                np.concatenate([self.rigid[r], *[columns[r] for columns in own], self.nominal[r][None]])
-                for r in range(len(self.rigid))
-            ]
-            whitener, quiet = self.plain, self.problem.segments
+            banks, whitener, quiet = self._whole(effects), self.plain, self.problem.segments
             for _ in range(rounds):
-                W = self.white(whitener, banks, quiet)
-                theta = _least_squares(W[:-1], W[-1])[0]
-                residuals = [bank[-1] - np.tensordot(theta, bank[:-1], 1) for bank in banks]
+                residuals = self._residuals(banks, whitener, quiet)
                 quiet = quiet_segments(residuals, self.problem.segments)
                 whitener = fit_whitener(residuals, quiet, self.settings.order, self.problem.blocks)
             self._noise[key] = whitener
         return self._noise[key]
+
+    def _whole(self, effects: Sequence[Candidate]) -> list[Vector]:
+        """Columns of rigid body and effects, then the data, per run."""
+        own = [self.columns(c) for c in effects]
+        return [
+            np.concatenate([self.rigid[r], *[columns[r] for columns in own], self.nominal[r][None]])
+            for r in range(len(self.rigid))
+        ]
+
+    def _residuals(self, banks: Sequence[Vector], whitener: Whitener, segments: Sequence[Segments]) -> list[Vector]:
+        """Leave of the last of some columns what the others do not fit, in a given noise, per run."""
+        W = self.white(whitener, banks, segments)
+        theta = _least_squares(W[:-1], W[-1])[0]
+        return [bank[-1] - np.tensordot(theta, bank[:-1], 1) for bank in banks]
+
+    def even(self, effects: Sequence[Candidate]) -> Whitener:
+        """White noise as large as what rigid body and effects leave over."""
+        banks = self._whole(effects)
+        left = rms(self, self._residuals(banks, self.plain, self.problem.segments))
+        level = np.maximum(left, 1e-12)
+        return Whitener(np.zeros((len(level), 1)), np.diag(1.0 / level), np.ones(len(banks)))
+
+    def likelihood_ratio(self, effects: Sequence[Candidate], candidate: Candidate) -> tuple[Whitener, float]:
+        """Set a model with a candidate against the model without it, each in the noise that suits it best.
+
+        A slow effect looks like slow noise as long as it is not in the model; what tells them apart is that noise
+        would do the same all the time.
+
+        Returns
+        -------
+        whitener : Whitener
+            The noise where the candidate is in the model.
+        ratio : float
+            Twice the log-likelihood gained.
+        """
+        whitener = self.noise([*effects, candidate])
+        without, whole = self._whole(effects), self._whole([*effects, candidate])
+        residuals = self._residuals(whole, whitener, self.problem.segments)
+        quiet = quiet_segments(residuals, self.problem.segments)
+
+        def likelihood(banks: Sequence[Vector], whitener: Whitener) -> float:
+            rest = self._residuals(banks, whitener, quiet)
+            return log_likelihood(fit_whitener(rest, quiet, self.settings.order, self.problem.blocks), quiet)
+
+        others = max(likelihood(without, w) for w in (self.noise(effects), whitener))
+        return whitener, 2.0 * (likelihood(whole, whitener) - others)
 
     def body(self, whitener: Whitener) -> Body:
         """Whiten data and rigid body."""

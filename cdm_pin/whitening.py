@@ -200,6 +200,16 @@ def fit_whitener(
     return Whitener(coefficients, mix, np.maximum(scale, 1e-6))
 
 
+def log_likelihood(whitener: Whitener, segments: Sequence[Segments]) -> float:
+    """Give the log-likelihood of the residuals that a whitener was fitted to, up to a constant.
+
+    It depends on the innovations' covariance alone, as for any autoregression at its least squares.
+    """
+    n = [sum(b - a - whitener.order for a, b in run if b - a > 2 * whitener.order) for run in segments]
+    shrunk = np.sum(n) * np.sum(np.log(np.diag(whitener.mix)))
+    return float(shrunk - len(whitener.mix) * np.dot(n, np.log(whitener.scale)))
+
+
 def _aligned(channels: Sequence[Vector]) -> Vector:
     n = min(len(x) for x in channels)
     return np.array([x[:n] for x in channels])
