@@ -43,6 +43,8 @@ AGREEMENT = 0.3
 """Of many effects, what the unseen recordings make of one alone has to be like it by so much for it to be listed."""
 CARRIED = 0.1
 """Share of the squared error on unseen recordings that a finding beyond doubt leaves."""
+BLIND = 3.0
+"""Whitened sum of squares of a finding on unseen recordings that cannot show it."""
 SURE = 15.0
 """Penalised log-likelihood of a finding in the training that chance does not give."""
 SCHEMA = "cdm_pin.diagnosis/1"
@@ -306,6 +308,7 @@ def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
     a tenth is asked for, and 3 where they could show as much: what the training is sure of needs no more. The plain
     error, drifts aside, must not rise either, unless masses that the training could not tell make most of it.
     Where nearly all of the plain error goes, no more is asked: slow noise could hide a constant from the likelihood.
+    What is loud in the training, and would not show on the unseen recordings, they cannot speak against.
     """
     found, fit = explanation.found[j], explanation.fit
     if fit.effects[j].effect.name in ONCE:
@@ -314,14 +317,22 @@ def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
     with_it, without_it = _plain(judge, fit, without)
     if with_it < CARRIED * without_it:
         return True
-    change = [a - b for a, b in zip(stacked(judge, fit), stacked(judge, without), strict=True)]
-    due = updated(judge, without, change)[0]
+    due = _due(judge, explanation, j)
+    if due < BLIND and is_loud(found.score):
+        return True
     least = min(3.0, max(due - 6.0, 0.0)) if found.gain > SURE else 3.0
     fall = deviance_unseen(judge, without) - deviance_unseen(judge, fit)
     if fall < max(least * found.candidate.named, 0.1 * due):
         return False
     rise = 1.03 if fall > max(0.5 * due, 20.0) else 1.01
     return with_it < rise * without_it or with_it > 9.0 * judge.problem.n_channels
+
+
+def _due(judge: Search, explanation: Explanation, j: int) -> float:
+    """Give the whitened sum of squares of what finding `j` changes on the unseen recordings."""
+    fit, without = explanation.fit, explanation.search.without(explanation.fit, j)
+    change = [a - b for a, b in zip(stacked(judge, fit), stacked(judge, without), strict=True)]
+    return updated(judge, without, change)[0]
 
 
 def _plain(judge: Search, fit: Fit, without: Fit) -> list[float]:
@@ -478,7 +489,7 @@ def _finding(
         "time": time,
         "region": None if candidate.effect.name in ONCE else region(search, fit, j),
     }
-    if judge is None:
+    if judge is None or (candidate.effect.name not in ONCE and _due(judge, explanation, j) < BLIND):
         item["unconfirmed"] = True
     return item
 

@@ -1067,7 +1067,7 @@ CATALOGUE: dict[str, Effect] = {
             _width_grid,
             _width_bounds,
             (1,),
-            confounded=("load_dependent_friction", "torque_gain_error"),
+            confounded=("coulomb_friction", "load_dependent_friction", "torque_gain_error"),
             revealed_by="two payloads",
             reference="Hamon, Gautier, Garrec, IEEE/RSJ IROS 2010",
             nuisance_shape=1,

@@ -144,8 +144,10 @@ def parameters(candidate: Candidate, beta: Vector, covariance: Vector) -> dict[s
 
 EQUAL = 0.9999
 """Canonical correlation of two names for one thing on these data."""
+REFINING = ("stribeck_friction", "asymmetric_friction", "position_dependent_friction", "friction_drift")
+"""Laws whose first column is dry friction, the others what refines it."""
 REFINED = 0.5
-"""Size of what refines a law of friction, as a share of the plain part."""
+"""Size of what refines dry friction, as a share of it."""
 SHAPES = ("phase", "cycles", "form", "ratio", "stribeck_velocity", "time_constant", "rest", "start", "end")
 """Parameters that say what an effect looks like, not how large it is."""
 
@@ -268,7 +270,7 @@ def _evidence(search: Search, without: Fit, candidate: Candidate, size: float) -
     columns = search.white(without.whitener, search.columns(candidate))
     norm = np.linalg.norm(columns, axis=1, keepdims=True)
     left = without.rest(np.divide(columns, norm, out=np.zeros_like(columns), where=norm > 0))
-    if candidate.effect.nuisance_shape and len(left) > 1 and norm[0] > 0:
+    if candidate.effect.name in REFINING and norm[0] > 0:
         left[1:] *= REFINED * np.minimum(norm[1:] / norm[0], 1.0)
     room = float(np.linalg.slogdet(np.eye(len(left)) + size * left @ left.T)[1])
     return 0.5 * search.score(without, candidate).statistic - 0.5 * room - candidate.extra

@@ -184,7 +184,7 @@ def _fill_part(part: str, where: str, parameters: Content) -> str | None:
 
 
 def unconfirmed(finding: Content) -> bool:
-    """Whether a finding was judged without an unseen recording."""
+    """Whether a finding was judged without an unseen recording that could show it."""
     return bool(finding.get("unconfirmed")) or finding.get("status") == "unconfirmed"
 
 
