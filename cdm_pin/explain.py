@@ -569,7 +569,7 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
         fine = c.effect.reach < 0.1  # its grid is coarse beside its peak
         if (n < 4 and value > best - max(40.0, 0.15 * abs(best))) or (fine and value > 0.3 * best):
             pool.append(search.refine(fit, c) if c.shape else (c, s))
-    pool = [(c, s) for c, s in pool if gain(search, fit, c, s) > 0]
+    pool = [(c, s) for c, s in pool if gain(search, fit, c, s) > 0 and _is_plausible(c, s)]
     if not pool:
         return None
     top = max(pool, key=lambda item: gain(search, fit, *item))
@@ -581,6 +581,11 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
     if known is best[0] or any(known.key == c.key for c in fit.effects):
         return best
     return known, search.score(fit, known)
+
+
+def _is_plausible(candidate: Candidate, score: Score, most: float = 4.0) -> bool:
+    """Whether breaking away takes no more than a few times dry friction: what peaks higher is the velocity's noise."""
+    return candidate.effect.name != "stribeck_friction" or score.beta[1] <= most * score.beta[0]
 
 
 def _rough(x: float) -> float:

@@ -143,7 +143,7 @@ def parameters(candidate: Candidate, beta: Vector, covariance: Vector) -> dict[s
 
 
 EQUAL = 0.9999
-"""Canonical correlation of two names for one thing on these data."""
+"""Canonical correlation of dry friction with what is dry friction on these data."""
 REFINING = ("stribeck_friction", "asymmetric_friction", "position_dependent_friction", "friction_drift")
 """Laws whose first column is dry friction, the others what refines it."""
 REFINED = 0.5
@@ -153,7 +153,7 @@ SHAPES = ("phase", "cycles", "form", "ratio", "stribeck_velocity", "time_constan
 
 
 def is_known(
-    values: dict[str, dict[str, Any]], candidate: Candidate, beta: Vector, covariance: Vector, least: float = 2.0
+    values: dict[str, dict[str, Any]], candidate: Candidate, beta: Vector, covariance: Vector, least: float = 3.0
 ) -> bool:
     """Whether any parameter that says how large an effect is, or any coefficient, differs from zero (a gain from one).
 
@@ -221,12 +221,13 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
 
     slack = 0.5 * settings.law_error**2 * found.score.statistic
     alike: list[tuple[bool, Candidate]] = []
+    rubs = found.candidate.effect.name == "coulomb_friction"
     for rival, difference in _leaning(search, without, found):
         likeness = canonical_correlation(search, without, found.candidate, rival)
         near = difference > -0.1 * found.gain - 30 and likeness > settings.same
         if difference > -max(settings.close, slack) or near:
-            alike.append((likeness > EQUAL, rival))
-    for _, rival in sorted(alike, key=lambda item: item[0]):  # what nothing could tell from it is said with its name
+            alike.append((rubs and likeness > EQUAL, rival))
+    for _, rival in sorted(alike, key=lambda item: item[0]):  # bearings, guides and capstans last
         add(rival.effect.name, rival.location)
     effect = found.candidate.effect
     kinds = {place.location["kind"] for place in effect.places(search.problem.model)}
