@@ -47,6 +47,8 @@ BLIND = 3.0
 """Whitened sum of squares of a finding on unseen recordings that cannot show it."""
 SURE = 15.0
 """Penalised log-likelihood of a finding in the training that chance does not give."""
+FAR = 25.0
+"""Squared error on unseen recordings, in units of the noise, beside which a finding has to carry nearly all."""
 SCHEMA = "cdm_pin.diagnosis/1"
 
 
@@ -382,6 +384,12 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
         stated = {j: v for j, v in stated.items() if not fi.is_outdone(found[j]) and found[j].agreement >= AGREEMENT}
     if patches:
         unexplained = at_corrections(explanation, patches)
+        if (
+            judge is not None
+            and not explanation.everywhere
+            and _plain(judge, fit, fit)[0] > FAR * judge.problem.n_channels
+        ):
+            stated = {j: v for j, v in stated.items() if _carries(judge, explanation, j)}
     else:
         unexplained, excess = beyond_floor(search, judge, explanation)
         if unexplained is not None and not explanation.everywhere:

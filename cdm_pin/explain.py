@@ -178,8 +178,7 @@ def _in_turn(
 
 
 def _simplest(explanation: Explanation) -> Explanation:
-    """Let the simplest of those laws stand that the data cannot tell apart, at a place above all; dry friction first.
-    """
+    """Let the simplest of the laws stand that the data cannot tell apart, at a place above all; dry friction first."""
     search, accepted = explanation.search, [f.candidate for f in explanation.found]
     for j, found in enumerate(explanation.found):
         slack = max(search.settings.close, 0.5 * search.settings.law_error**2 * found.score.statistic)
@@ -189,7 +188,9 @@ def _simplest(explanation: Explanation) -> Explanation:
             if rival.named == found.candidate.named and difference > -(slack if here else search.settings.close):
                 alike.append(rival)
         rubs = "coulomb_friction" in found.candidate.effect.confounded
-        accepted[j] = min(alike, key=lambda c, rubs=rubs: (search.size(c), rubs and c.effect.name != "coulomb_friction"))
+        accepted[j] = min(
+            alike, key=lambda c, rubs=rubs: (search.size(c), rubs and c.effect.name != "coulomb_friction")
+        )
     if accepted == [f.candidate for f in explanation.found]:
         return explanation
     return explained(search, explanation.bank, search.tuned(accepted, search.noise(accepted)))
@@ -569,7 +570,7 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
         fine = c.effect.reach < 0.1  # its grid is coarse beside its peak
         if (n < 4 and value > best - max(40.0, 0.15 * abs(best))) or (fine and value > 0.3 * best):
             pool.append(search.refine(fit, c) if c.shape else (c, s))
-    pool = [(c, s) for c, s in pool if gain(search, fit, c, s) > 0 and _is_plausible(c, s)]
+    pool = [(c, s) for c, s in pool if gain(search, fit, c, s) > 0 and is_plausible(c, s)]
     if not pool:
         return None
     top = max(pool, key=lambda item: gain(search, fit, *item))
@@ -583,7 +584,7 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
     return known, search.score(fit, known)
 
 
-def _is_plausible(candidate: Candidate, score: Score, most: float = 4.0) -> bool:
+def is_plausible(candidate: Candidate, score: Score, most: float = 4.0) -> bool:
     """Whether breaking away takes no more than a few times dry friction: what peaks higher is the velocity's noise."""
     return candidate.effect.name != "stribeck_friction" or score.beta[1] <= most * score.beta[0]
 

@@ -146,8 +146,6 @@ EQUAL = 0.9999
 """Canonical correlation of dry friction with what is dry friction on these data."""
 REFINING = ("stribeck_friction", "asymmetric_friction", "position_dependent_friction", "friction_drift")
 """Laws whose first column is dry friction, the others what refines it."""
-REFINED = 0.5
-"""Size of what refines dry friction, as a share of it."""
 SHAPES = ("phase", "cycles", "form", "ratio", "stribeck_velocity", "time_constant", "rest", "start", "end")
 """Parameters that say what an effect looks like, not how large it is."""
 
@@ -265,14 +263,15 @@ def _evidence(search: Search, without: Fit, candidate: Candidate, size: float) -
 
     Before the data are seen, each coefficient may bring a torque as large as that which is explained, `size`, the
     whitened sum of squares: a refinement that the data hardly see costs nothing, one that they would see well costs as
-    much as it could have been off. What refines dry friction is some half of it. What is estimated of the shape counts
+    much as it could have been off. What refines dry friction has coefficients as large as its own. What is estimated of the shape counts
     as it does in Akaike's criterion.
     """
     columns = search.white(without.whitener, search.columns(candidate))
     norm = np.linalg.norm(columns, axis=1, keepdims=True)
     left = without.rest(np.divide(columns, norm, out=np.zeros_like(columns), where=norm > 0))
     if candidate.effect.name in REFINING and norm[0] > 0:
-        left[1:] *= REFINED * np.minimum(norm[1:] / norm[0], 1.0)
+        own = slice(1, len(candidate.effect.signs))  # without what details the sign of a velocity
+        left[own] *= np.minimum(norm[own] / norm[0], 1.0)
     room = float(np.linalg.slogdet(np.eye(len(left)) + size * left @ left.T)[1])
     return 0.5 * search.score(without, candidate).statistic - 0.5 * room - candidate.extra
 

@@ -52,6 +52,7 @@ def plan_next(
     draws: int = 10,
     duration: float = 40.0,
     least: float = 0.75,
+    enough: float = 0.999,
 ) -> Experiment | None:
     """Find the motion that best separates findings from their rivals, within the range and speed that were recorded.
 
@@ -70,6 +71,8 @@ def plan_next(
         [s].
     least : float
         Power below which no experiment is proposed.
+    enough : float
+        Power beyond which no better one is looked for.
     """
     if not rivals:
         return None
@@ -83,6 +86,8 @@ def plan_next(
             if margin > (most if factor == 1.0 else max(1.1 * most, most + 0.1)):
                 change = "" if factor == 1.0 else f"pretension {motion.pretension:.4g} -> {changed.pretension:.4g} N"
                 best, most = Experiment(changed, change, float(norm.cdf(margin)), pair), margin
+        if best is not None and best.power > enough:
+            break
     return best if best is not None and best.power >= least else None
 
 
@@ -97,6 +102,7 @@ def separation(
     signals = SimpleNamespace(valid=np.ones(motion.n, bool), recording=SimpleNamespace(payload=None))
     run = Run(cast(Any, signals), motion, np.zeros((problem.n_channels, motion.n)))
     both = replace(problem, runs=(problem.runs[0], run))  # what is there and what would come, together
+    both.__dict__["rigid"] = [problem.rigid[0], *replace(problem, runs=(run,)).rigid]  # what is there is known
     there = search.judge(both)
     fit = explanation.fit
     whitener = replace(fit.whitener, scale=np.ones(2))

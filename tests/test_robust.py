@@ -1,19 +1,23 @@
 """What keeps a diagnosis from claiming too much: bursts of noise, coarse encoders, recordings that it has not seen."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from trials import loaded_trial
 
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.diagnose import diagnose
-from cdm_pin.effects import CATALOGUE, Candidate, at_known_place, guide_places, pair_places
+from cdm_pin.effects import CATALOGUE, Candidate, at_known_place, guide_places, joint_places, pair_places
+from cdm_pin.explain import is_plausible
 from cdm_pin.model import load_model
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording
 from cdm_pin.robust import bursts, robust_score
-from cdm_pin.selection import Search, Settings, all_candidates
+from cdm_pin.selection import Score, Search, Settings, all_candidates
 from cdm_pin.sensor_noise import motion_limit
 from cdm_pin.signals import prepare
+from cdm_pin.wording import clause
 
 
 def test_bursts_count_where_the_effect_acts():
@@ -99,3 +103,40 @@ def test_a_refinement_that_masses_hide_is_listed(tmp_path):
     assert {"effect": "asymmetric_friction", "location": {"kind": "joint", "index": 3}} in [
         {k: x[k] for k in ("effect", "location")} for x in [finding, *finding["indistinguishable_from"]]
     ]
+
+
+def test_a_weak_push_does_not_pass_for_slow_noise(tmp_path):
+    """Noise estimated with the push in it looks slow; the likelihood of both tells that noise would do so always."""
+    model, runs, unseen, truth = loaded_trial(
+        tmp_path, 17, effects=["external_torque"], visibility=13.0, n_links=2, noise="white"
+    )
+    problem = make_problem(model, runs)
+    search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
+    start, end = truth["effects"][0]["parameters"]["time"]
+    (push, other) = (
+        replace(c, shape=(start + shift, end + shift, 0.0))
+        for shift in (0.0, 12.0)
+        for c in all_candidates(problem, ("external_torque",))[:1]
+    )
+    push, other = (replace(c, place=joint_places(model)[1]) for c in (push, other))
+    whitener, ratio = search.likelihood_ratio([], push)
+    assert ratio > 1.5 * search.score(search.fit([]), push).statistic
+    assert search.score(search.fit([], whitener), push).statistic > ratio > 60.0
+    assert search.likelihood_ratio([], other)[1] < 15.0
+    (finding,) = diagnose(model, runs, unseen).content["findings"]
+    assert (finding["effect"], finding["location"]["index"]) == ("external_torque", 2)
+
+
+def test_unseen_recordings_do_not_speak_against_what_they_cannot_show(tmp_path):
+    """A gap whose cable is pulled one way all through the unseen recording: it stays, and is not confirmed."""
+    model, runs, unseen, _ = loaded_trial(tmp_path, 40, effects=["backlash"], positions="both", n_links=2)
+    (finding,) = diagnose(model, runs, unseen).content["findings"]
+    assert finding["effect"] == "backlash" and finding["unconfirmed"]
+    assert "(unconfirmed)" in clause(finding)
+
+
+def test_static_friction_of_many_times_the_sliding_one_is_no_law():
+    place = joint_places(load_model("urdf/cdm2.yaml"))[0]
+    candidate = Candidate(CATALOGUE["stribeck_friction"], place, (0.01, 0.1))
+    for peak, fits in ((0.5, True), (3.0, True), (9.0, False)):
+        assert is_plausible(candidate, Score(1e4, 2, np.array([1.0, peak]), 1.0, 1.0)) == fits

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
-from cdm_pin.whitening import fit_whitener, log_p, quiet_segments
+from cdm_pin.whitening import fit_whitener, log_likelihood, log_p, quiet_segments
 
 
 def coloured(rng, n, channels=2):
@@ -25,6 +25,24 @@ def test_whitened_noise_is_white():
     assert abs(np.corrcoef(rows)[0, 1]) < 0.05
     for row in rows:
         assert abs(np.corrcoef(row[1:], row[:-1])[0, 1]) < 0.05
+
+
+def test_the_likelihood_is_that_of_gaussian_innovations():
+    """Differences between two sets of residuals are those of the normal densities of what each leaves white."""
+    rng, segments = np.random.default_rng(4), [[(0, 3000)], [(0, 2000)]]
+    values, expected = [], []
+    for factor in (1.0, 1.7):
+        runs = [coloured(rng, 3000), factor * coloured(rng, 2000)]
+        whitener = fit_whitener(runs, segments, 8)
+        values.append(log_likelihood(whitener, segments))
+        total = 0.0
+        for r, x in enumerate(runs):
+            rows = whitener((x - x.mean(axis=1, keepdims=True))[None], segments[r], r)[0]
+            n = rows.size // 2
+            root = whitener.mix / whitener.scale[r]
+            total += n * np.log(np.abs(np.linalg.det(root))) - 0.5 * float(rows @ rows)
+        expected.append(total)
+    assert values[0] - values[1] == pytest.approx(expected[0] - expected[1], rel=2e-3)
 
 
 def test_a_constant_is_not_noise():
