@@ -529,7 +529,9 @@ def drowned(search: Search, bank: Bank, taken: Sequence[Candidate], most: int = 
         if family_wise(score, candidate, weight) >= alarm:
             continue
         candidate, _ = search.refine(even, candidate)
-        whitener, ratio = search.likelihood_ratio(taken, candidate)
+        whitener, ratio = search.likelihood_ratio(taken, candidate, least=15.0)
+        if ratio < 15.0:
+            continue
         fit = search.fit(taken, whitener)
         score = search.score(fit, candidate)
         whole = replace(score, statistic=min(ratio, score.statistic), k=score.k + candidate.extra)

@@ -263,8 +263,8 @@ def _evidence(search: Search, without: Fit, candidate: Candidate, size: float) -
 
     Before the data are seen, each coefficient may bring a torque as large as that which is explained, `size`, the
     whitened sum of squares: a refinement that the data hardly see costs nothing, one that they would see well costs as
-    much as it could have been off. What refines dry friction has coefficients as large as its own. What is estimated of the shape counts
-    as it does in Akaike's criterion.
+    much as it could have been off. What refines dry friction has coefficients as large as its own. What is estimated of
+    the shape counts as it does in Akaike's criterion.
     """
     columns = search.white(without.whitener, search.columns(candidate))
     norm = np.linalg.norm(columns, axis=1, keepdims=True)

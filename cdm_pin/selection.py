@@ -444,40 +444,41 @@ class Search:
         """Estimate the noise as what rigid body and effects leave over."""
         key = _key(effects)
         if key not in self._noise:
-            banks, whitener, quiet = self._whole(effects), self.plain, self.problem.segments
+            own = [self.columns(c) for c in effects]
+            banks = [
+                np.concatenate([self.rigid[r], *[columns[r] for columns in own], self.nominal[r][None]])
+                for r in range(len(self.rigid))
+            ]
+            whitener, quiet = self.plain, self.problem.segments
             for _ in range(rounds):
-                residuals = self._residuals(banks, whitener, quiet)
+                W = self.white(whitener, banks, quiet)
+                theta = _least_squares(W[:-1], W[-1])[0]
+                residuals = [bank[-1] - np.tensordot(theta, bank[:-1], 1) for bank in banks]
                 quiet = quiet_segments(residuals, self.problem.segments)
                 whitener = fit_whitener(residuals, quiet, self.settings.order, self.problem.blocks)
             self._noise[key] = whitener
         return self._noise[key]
 
-    def _whole(self, effects: Sequence[Candidate]) -> list[Vector]:
-        """Columns of rigid body and effects, then the data, per run."""
-        own = [self.columns(c) for c in effects]
-        return [
-            np.concatenate([self.rigid[r], *[columns[r] for columns in own], self.nominal[r][None]])
-            for r in range(len(self.rigid))
-        ]
-
-    def _residuals(self, banks: Sequence[Vector], whitener: Whitener, segments: Sequence[Segments]) -> list[Vector]:
-        """Leave of the last of some columns what the others do not fit, in a given noise, per run."""
-        W = self.white(whitener, banks, segments)
-        theta = _least_squares(W[:-1], W[-1])[0]
-        return [bank[-1] - np.tensordot(theta, bank[:-1], 1) for bank in banks]
-
     def even(self, effects: Sequence[Candidate]) -> Whitener:
         """White noise as large as what rigid body and effects leave over."""
-        banks = self._whole(effects)
-        left = rms(self, self._residuals(banks, self.plain, self.problem.segments))
-        level = np.maximum(left, 1e-12)
-        return Whitener(np.zeros((len(level), 1)), np.diag(1.0 / level), np.ones(len(banks)))
+        level = np.maximum(rms(self, self._errors(effects, self.plain)), 1e-12)
+        return Whitener(np.zeros((len(level), 1)), np.diag(1.0 / level), np.ones(len(self.rigid)))
 
-    def likelihood_ratio(self, effects: Sequence[Candidate], candidate: Candidate) -> tuple[Whitener, float]:
+    def likelihood_ratio(
+        self, effects: Sequence[Candidate], candidate: Candidate, least: float = 0.0
+    ) -> tuple[Whitener, float]:
         """Set a model with a candidate against the model without it, each in the noise that suits it best.
 
         A slow effect looks like slow noise as long as it is not in the model; what tells them apart is that noise
         would do the same all the time.
+
+        Parameters
+        ----------
+        effects : sequence of Candidate
+            In either model.
+        candidate : Candidate
+        least : float
+            A ratio below this need not be exact.
 
         Returns
         -------
@@ -486,17 +487,26 @@ class Search:
         ratio : float
             Twice the log-likelihood gained.
         """
-        whitener = self.noise([*effects, candidate])
-        without, whole = self._whole(effects), self._whole([*effects, candidate])
-        residuals = self._residuals(whole, whitener, self.problem.segments)
-        quiet = quiet_segments(residuals, self.problem.segments)
+        whole, segments = [*effects, candidate], self.problem.segments
+        shared = self.noise(effects)
+        residuals = self._errors(whole, shared)
+        quiet = quiet_segments(residuals, segments)
 
-        def likelihood(banks: Sequence[Vector], whitener: Whitener) -> float:
-            rest = self._residuals(banks, whitener, quiet)
-            return log_likelihood(fit_whitener(rest, quiet, self.settings.order, self.problem.blocks), quiet)
+        def noise(residuals: Sequence[Vector]) -> tuple[Whitener, float]:
+            whitener = fit_whitener(residuals, quiet, self.settings.order, self.problem.blocks)
+            return whitener, log_likelihood(whitener, quiet)
 
-        others = max(likelihood(without, w) for w in (self.noise(effects), whitener))
-        return whitener, 2.0 * (likelihood(whole, whitener) - others)
+        own, with_it = noise(residuals)
+        without = noise(self._errors(effects, shared))[1]
+        if 2.0 * (with_it - without) > least - 5.0:
+            own, with_it = noise(self._errors(whole, own))
+            without = max(without, noise(self._errors(effects, own))[1])
+        return own, 2.0 * (with_it - without)
+
+    def _errors(self, effects: Sequence[Candidate], whitener: Whitener) -> list[Vector]:
+        """Take rigid body and effects, fitted in a given noise, from the data."""
+        fit = self.fit(effects, whitener)
+        return errors(self, fit.base, fit.effects, fit.beta)
 
     def body(self, whitener: Whitener) -> Body:
         """Whiten data and rigid body."""
