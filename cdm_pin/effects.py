@@ -96,6 +96,11 @@ class Parameter:
     error_unseen: float = 0.0
 
 
+def _unbounded(motions: Sequence[Motion], place: Place) -> list[tuple[float, float]]:
+    """Give no bounds: nothing of the shape is estimated."""
+    return []
+
+
 @dataclass(frozen=True)
 class Effect:
     """One entry of the catalogue.
@@ -147,7 +152,7 @@ class Effect:
     columns: Callable[[Motion, Place, Shape], Columns]
     physical: Callable[[Vector, Shape], dict[str, float]]
     grid: Callable[[Sequence[Motion], Place], list[Shape]] = lambda motions, place: [()]
-    bounds: Callable[[Sequence[Motion], Place], list[tuple[float, float]]] = lambda motions, place: []
+    bounds: Callable[[Sequence[Motion], Place], list[tuple[float, float]]] = _unbounded
     signs: tuple[int, ...] = (0,)
     exact: bool = True
     exact_travel: bool = False
@@ -166,7 +171,7 @@ class Effect:
     inverse: Callable[[dict[str, float]], tuple[list[float], list[float]]] | None = None  # of `physical`
 
     def coefficients(self, parameters: dict[str, float]) -> tuple[Vector, Shape]:
-        """Turn physical parameters (and the `width` of the smooth sign, rad/s) into coefficients and shape."""
+        """Turn physical parameters (and the `width` of a smooth sign, in rad/s or N m) into coefficients and shape."""
         if self.inverse is None:
             beta, shape = [float(parameters.get(p.name, 0.0)) for p in self.parameters], []
         else:
@@ -679,9 +684,7 @@ def _compliant(motion: Motion, i: int, slack: float = np.inf) -> Columns:
 
 def _backlash(motion: Motion, place: Place, shape: Shape) -> Columns:
     i = place.index[0]
-    load = motion.cable_torque[:, i]
-    scale = float(np.sqrt(np.mean(load**2))) or 1.0
-    return _moved(motion, np.tanh(load / (0.03 * scale)), i, None)
+    return _moved(motion, np.tanh(motion.cable_torque[:, i] / shape[0]), i, None)
 
 
 def _slack(motion: Motion, place: Place, shape: Shape) -> Columns:
@@ -1201,12 +1204,15 @@ CATALOGUE: dict[str, Effect] = {
             cable_places,
             _backlash,
             _named("half_gap"),
-            signs=(1,),
+            lambda m, p: [(share * (_greatest_load(m, p) or 1.0),) for share in (0.015, 0.005)],
+            lambda m, p: [(0.001 * (_greatest_load(m, p) or 1.0), 0.03 * (_greatest_load(m, p) or 1.0))],
+            (1,),
             exact=False,
             error=0.06,
             follows=True,
             confounded=("hysteresis", "cable_slack", "encoder_offset"),
             revealed_by="small reversals under a bias load, encoders on both sides",
+            nuisance_shape=1,
             reference="Nordin, Gutman, Automatica 38(10), 2002",
         ),
         Effect(
@@ -1503,7 +1509,8 @@ class Candidate:
     @property
     def extra(self) -> int:
         """Number of nonlinear parameters that count as physics."""
-        own = len(self.shape) - self.place.is_pair if self.effect.counts else 0
+        estimated = self.effect.counts and (self.effect.bounds is not _unbounded or not self.named)
+        own = len(self.shape) - self.place.is_pair if estimated else 0
         return max(min(own, 2 + self.effect.nuisance_shape) - self.effect.nuisance_shape, 0) + self.place.is_pair
 
 

@@ -597,7 +597,7 @@ def _rough(x: float) -> float:
 
 
 def _same_width(candidate: Candidate, other: Candidate) -> Candidate:
-    same = candidate.place.A == other.place.A and candidate.place.B == other.place.B
+    same = bool(other.place.A) and (candidate.place.A, candidate.place.B) == (other.place.A, other.place.B)
     if same and candidate.effect.nuisance_shape == 1 == other.effect.nuisance_shape:
         return replace(candidate, shape=(other.shape[0], *candidate.shape[1:]))
     return candidate

@@ -153,16 +153,22 @@ SHAPES = ("phase", "cycles", "form", "ratio", "stribeck_velocity", "time_constan
 def is_known(
     values: dict[str, dict[str, Any]], candidate: Candidate, beta: Vector, covariance: Vector, least: float = 3.0
 ) -> bool:
-    """Whether any parameter that says how large an effect is, or any coefficient, differs from zero (a gain from one).
+    """Whether any parameter that says how large an effect is, or all coefficients together, differ from zero.
 
-    Two effects at one place may share a level that neither has alone; what tells them apart is known all the same.
+    A gain differs from one. Two effects at one place may share a level that neither has alone; what tells them apart is
+    known all the same.
     """
     sizes = [
         abs(v["value"] - (name == "gain")) / max(v["std"], 1e-300) for name, v in values.items() if name not in SHAPES
     ]
     own = len(candidate.effect.signs)  # without what details the sign of a velocity
     std = np.sqrt(np.maximum(np.diag(covariance)[:own], 1e-300))
-    return max([*sizes, *(np.abs(beta[:own]) / std)], default=0.0) > least
+    if max([*sizes, *(np.abs(beta[:own]) / std)], default=0.0) > least:
+        return True
+    k = len(beta)
+    scale = np.sqrt(np.maximum(np.diag(covariance)[:k], 1e-300))
+    together = np.linalg.pinv(covariance[:k, :k] / scale[:, None] / scale, rcond=1e-9, hermitian=True)
+    return bool(log_p(float(beta / scale @ together @ (beta / scale)), k) < log_p(least**2, 1))
 
 
 def is_above_steps(search: Search, candidate: Candidate, values: dict[str, dict[str, Any]]) -> bool:

@@ -288,7 +288,7 @@ class _Parts:
             self._rub(w, p["coulomb"], p["coulomb"], (p["stribeck"], p["stribeck_velocity"]))
         elif name == "asymmetric_friction":
             self._rub(w, p["coulomb_positive"], p["coulomb_negative"])
-        elif candidate.effect.nuisance_shape == 1:
+        elif candidate.effect.nuisance_shape == 1 and not candidate.effect.follows:
             level = self._level(candidate, beta)
             if level is None:
                 return False
