@@ -138,8 +138,9 @@ def diagnose(
         if again.found and not {f.candidate.effect.name for f in again.found} & {name for name, _ in named}:
             judge, explanation = there, again
     lost = [f for f in first.found if f.candidate not in explanation.fit.effects and is_loud(f.score)]
+    rough = explanation.fit.deviance > 2.0 * explanation.fit.n_rows  # bursts that no estimate of the noise has in it
     say("sensitivities", 0.95)
-    return _report(model, judge, explanation, bool(lost) and not first.everywhere)
+    return _report(model, judge, explanation, (bool(lost) or rough) and not first.everywhere)
 
 
 def _validated(seen: Problem | None, explanation: Explanation) -> tuple[Search | None, Explanation]:

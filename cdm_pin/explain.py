@@ -117,7 +117,9 @@ def explain(
         if len(grown) < search.settings.at_once and accepted is grown:
             break
     say("rivals", 0.9)
-    search, accepted = settled(search, prune(search, accepted))
+    kept = prune(search, accepted)
+    left = unnamed(search, search.renewed(bank), kept) if len(kept) < len(accepted) else None
+    search, accepted = settled(search, kept if left is None else [*kept, left])  # two may have hidden each other
     search, accepted = _unpatched(search, bank, accepted)
     explanation = _simplest(explained(search, search.renewed(bank), accepted))
     say.looked(explanation.fit)
