@@ -364,7 +364,7 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
     patches = [f for f in explanation.found if not f.candidate.named]
     named = [j for j, f in enumerate(explanation.found) if f.candidate.named]
     if patches:
-        named = [j for j in named if fi.is_sure(explanation.found[j], explanation.found[j].score, patches)]
+        named = [j for j in named if fi.is_sure(model, explanation.found[j], explanation.found[j].score, patches)]
     named.sort(key=lambda j: -explanation.found[j].score.statistic)
     covariance, betas, shapes = fi.joint_covariance(search, fit)
     own_rigid = search.fit([])

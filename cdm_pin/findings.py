@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from .effects import CATALOGUE, Candidate, Columns, Effect, coupled_alike
+from .effects import CATALOGUE, Candidate, Columns, Effect, coupled_alike, parallel
 from .explain import Explanation, Found
 from .geometry import Vector
 from .model import CableModel
@@ -375,13 +375,15 @@ def outweighs(model: CableModel, found: Found, motor: int, excess: float, least:
     return elsewhere or found.score.statistic > least * excess
 
 
-def is_sure(found: Found, score: Score, patches: Sequence[Found]) -> bool:
+def is_sure(model: CableModel, found: Found, score: Score, patches: Sequence[Found]) -> bool:
     """Whether a finding stands on its own beside corrections without a name: elsewhere, and not small beside them."""
     own = np.abs(np.array(found.candidate.place.A + found.candidate.place.B))
     for patch in patches:
         other = np.abs(np.array(patch.candidate.place.A + patch.candidate.place.B))
         if not len(own) or not len(other) or own @ other > 1e-9:
             return False
+        if parallel(found.candidate.place.weights(model), patch.candidate.place.weights(model)):
+            return False  # joint 1 and motor 1 of the paper's arm
         if score.statistic < 0.2 * patch.score.statistic:
             return False
     return found.candidate.effect.name in CATALOGUE
