@@ -574,7 +574,7 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
         fine = c.effect.reach < 0.1  # its grid is coarse beside its peak
         if (n < 4 and value > best - max(40.0, 0.15 * abs(best))) or (fine and value > 0.3 * best):
             pool.append(search.refine(fit, c) if c.shape else (c, s))
-    pool = [(c, s) for c, s in pool if gain(search, fit, c, s) > 0 and is_plausible(c, s)]
+    pool = [(c, s) for c, s in pool if gain(search, fit, c, s) > 0 and is_plausible(c, s, fit.effects)]
     if not pool:
         return None
     top = max(pool, key=lambda item: gain(search, fit, *item))
@@ -588,9 +588,14 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
     return known, search.score(fit, known)
 
 
-def is_plausible(candidate: Candidate, score: Score, most: float = 4.0) -> bool:
-    """Whether breaking away takes no more than a few times dry friction: what peaks higher is the velocity's noise."""
-    return candidate.effect.name != "stribeck_friction" or score.beta[1] <= most * score.beta[0]
+def is_plausible(candidate: Candidate, score: Score, beside: Sequence[Candidate] = (), most: float = 4.0) -> bool:
+    """Whether breaking away takes no more than a few times dry friction: what peaks higher is the velocity's noise.
+
+    Dry friction `beside` it, at the same place, has a share of its own.
+    """
+    if candidate.effect.name != "stribeck_friction" or any(_meets(candidate, other) for other in beside):
+        return True
+    return score.beta[1] <= most * score.beta[0]
 
 
 def _rough(x: float) -> float:

@@ -153,18 +153,19 @@ SHAPES = ("phase", "cycles", "form", "ratio", "stribeck_velocity", "time_constan
 def is_known(
     values: dict[str, dict[str, Any]], candidate: Candidate, beta: Vector, covariance: Vector, least: float = 3.0
 ) -> bool:
-    """Whether any parameter that says how large an effect is, or all coefficients together, differ from zero.
+    """Whether any parameter that says how large an effect is, or any coefficient, differs from zero (a gain from one).
 
-    A gain differs from one. Two effects at one place may share a level that neither has alone; what tells them apart is
-    known all the same.
+    Two effects at one place may share a level that neither has alone; what tells them apart is known all the same. The
+    coefficients of a spring are those of a polynomial, which are known together where none is alone.
     """
     sizes = [
         abs(v["value"] - (name == "gain")) / max(v["std"], 1e-300) for name, v in values.items() if name not in SHAPES
     ]
     own = len(candidate.effect.signs)  # without what details the sign of a velocity
     std = np.sqrt(np.maximum(np.diag(covariance)[:own], 1e-300))
-    if max([*sizes, *(np.abs(beta[:own]) / std)], default=0.0) > least:
-        return True
+    alone = max([*sizes, *(np.abs(beta[:own]) / std)], default=0.0) > least
+    if alone or candidate.effect.name != "joint_spring":
+        return alone
     k = len(beta)
     scale = np.sqrt(np.maximum(np.diag(covariance)[:k], 1e-300))
     together = np.linalg.pinv(covariance[:k, :k] / scale[:, None] / scale, rcond=1e-9, hermitian=True)

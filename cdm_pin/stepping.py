@@ -174,7 +174,7 @@ def advance(tree, pi_std, E, offset, laws, torque, start, q_m, v_m, h, substeps,
                         if change != 0.0:
                             new -= h * change * Ax
                             friction[i] = wanted
-                            moved = max(moved, abs(change) / (limits[i, 1] - limits[i, 0]))
+                            moved = max(moved, abs(change) / max(limits[i, 1] - limits[i, 0], 1e-12))
                     if moved < 1e-9 or dry == 1:
                         break
                 a = (new - v) / h

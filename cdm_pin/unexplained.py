@@ -89,8 +89,7 @@ def nameless(explanation: Explanation, only_loud: bool = False) -> dict[str, Any
 def beyond_floor(search: Search, judge: Search | None, explanation: Explanation) -> tuple[dict[str, Any] | None, float]:
     """Say where a residual is left that no correction describes either; None where it is near the floor.
 
-    It counts as far as both the training and the unseen recordings show it, and half of what one shows alone. The
-    second value is how large it is, as a sum of squares in units of the noise. Corrections without a name see
+    The second value is how large it is, as a sum of squares in units of the noise. Corrections without a name see
     torques only, so where there is travel alone less may be left without a word.
     """
     limit = 2.0 if search.problem.torque else 1.5
@@ -99,7 +98,7 @@ def beyond_floor(search: Search, judge: Search | None, explanation: Explanation)
     least = np.max([_least(there) for there in both], axis=0)
     floors = [_floor(there, fit, least) for there in both]
     ratios = np.divide(rests, floors)
-    rest, ratio = rests[0], np.maximum(np.min(ratios, axis=0), 0.5 * np.max(ratios, axis=0))
+    rest, ratio = rests[0], np.maximum(np.min(ratios, axis=0), 0.5 * ratios[-1] * (judge is not None))
     worst = int(np.argmax(ratio))
     if not search.problem.segments or ratio[worst] < limit or not search.follows_state(fit):
         return None, 0.0
