@@ -338,10 +338,10 @@ def _due(judge: Search, explanation: Explanation, j: int) -> float:
     return updated(judge, without, change)[0]
 
 
-def _plain(judge: Search, fit: Fit, without: Fit) -> list[float]:
-    """Give the squared errors of two fits on the unseen recordings, drifts aside, in units of the first one's noise."""
+def _plain(judge: Search, fit: Fit, *others: Fit) -> list[float]:
+    """Give the squared errors of fits on the unseen recordings, drifts aside, in units of the first one's noise."""
     level = np.maximum(noise_floor(judge, fit.effects), 1e-12)
-    return [_weighted(judge, judge.still(errors(judge, f.base, f.effects, f.beta)), level) for f in (fit, without)]
+    return [_weighted(judge, judge.still(errors(judge, f.base, f.effects, f.beta)), level) for f in (fit, *others)]
 
 
 def _carries(judge: Search, explanation: Explanation, j: int) -> bool:
@@ -364,7 +364,7 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
     patches = [f for f in explanation.found if not f.candidate.named]
     named = [j for j, f in enumerate(explanation.found) if f.candidate.named]
     if patches:
-        named = [j for j in named if fi.is_sure(model, explanation.found[j], explanation.found[j].score, patches)]
+        named = [j for j in named if fi.is_sure(model, explanation.found[j], patches)]
     named.sort(key=lambda j: -explanation.found[j].score.statistic)
     covariance, betas, shapes = fi.joint_covariance(search, fit)
     own_rigid = search.fit([])
@@ -385,11 +385,10 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
         stated = {j: v for j, v in stated.items() if not fi.is_outdone(found[j]) and found[j].agreement >= AGREEMENT}
     if patches:
         unexplained = at_corrections(explanation, patches)
-        if (
-            judge is not None
-            and not explanation.everywhere
-            and _plain(judge, fit, fit)[0] > FAR * judge.problem.n_channels
-        ):
+        far = (
+            judge is not None and not explanation.everywhere and _plain(judge, fit)[0] > FAR * judge.problem.n_channels
+        )
+        if judge is not None and far:
             stated = {j: v for j, v in stated.items() if _carries(judge, explanation, j)}
     else:
         unexplained, excess = beyond_floor(search, judge, explanation)

@@ -687,6 +687,16 @@ def _backlash(motion: Motion, place: Place, shape: Shape) -> Columns:
     return _moved(motion, np.tanh(motion.cable_torque[:, i] / shape[0]), i, None)
 
 
+def _crossing_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
+    most = _greatest_load(motions, place) or 1.0
+    return [(share * most,) for share in (0.015, 0.005)]
+
+
+def _crossing_bounds(motions: Sequence[Motion], place: Place) -> list[tuple[float, float]]:
+    most = _greatest_load(motions, place) or 1.0
+    return [(0.001 * most, 0.03 * most)]
+
+
 def _slack(motion: Motion, place: Place, shape: Shape) -> Columns:
     return _compliant(motion, place.index[0], shape[0])
 
@@ -1204,8 +1214,8 @@ CATALOGUE: dict[str, Effect] = {
             cable_places,
             _backlash,
             _named("half_gap"),
-            lambda m, p: [(share * (_greatest_load(m, p) or 1.0),) for share in (0.015, 0.005)],
-            lambda m, p: [(0.001 * (_greatest_load(m, p) or 1.0), 0.03 * (_greatest_load(m, p) or 1.0))],
+            _crossing_grid,
+            _crossing_bounds,
             (1,),
             exact=False,
             error=0.06,

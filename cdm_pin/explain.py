@@ -526,13 +526,13 @@ def drowned(search: Search, bank: Bank, taken: Sequence[Candidate], most: int = 
     and without it, each in a noise of its own; what is estimated of its shape counts.
     """
     even, alarm = search.fit(taken, search.even(taken)), np.log(search.settings.alarm)
-    best, alone = 0.0, None
+    least, best, alone = 15.0, 0.0, None  # no less is significant
     for candidate, score, weight in _leaders(search, even, bank, most, taken):
         if family_wise(score, candidate, weight) >= alarm:
             continue
         candidate, _ = search.refine(even, candidate)
-        whitener, ratio = search.likelihood_ratio(taken, candidate, least=15.0)
-        if ratio < 15.0:
+        whitener, ratio = search.likelihood_ratio(taken, candidate, least)
+        if ratio < least:
             continue
         fit = search.fit(taken, whitener)
         score = search.score(fit, candidate)

@@ -15,7 +15,7 @@ from .explain import Explanation, Found
 from .geometry import Vector
 from .model import CableModel
 from .motion import Motion
-from .selection import Fit, Score, Search
+from .selection import Fit, Search
 from .whitening import log_p
 
 Location = dict[str, Any]
@@ -161,15 +161,14 @@ def is_known(
     sizes = [
         abs(v["value"] - (name == "gain")) / max(v["std"], 1e-300) for name, v in values.items() if name not in SHAPES
     ]
-    own = len(candidate.effect.signs)  # without what details the sign of a velocity
-    std = np.sqrt(np.maximum(np.diag(covariance)[:own], 1e-300))
-    alone = max([*sizes, *(np.abs(beta[:own]) / std)], default=0.0) > least
+    own, k = len(candidate.effect.signs), len(beta)  # the first without what details the sign of a velocity
+    std = np.sqrt(np.maximum(np.diag(covariance)[:k], 1e-300))
+    z = beta / std
+    alone = max([*sizes, *np.abs(z[:own])], default=0.0) > least
     if alone or candidate.effect.name != "joint_spring":
         return alone
-    k = len(beta)
-    scale = np.sqrt(np.maximum(np.diag(covariance)[:k], 1e-300))
-    together = np.linalg.pinv(covariance[:k, :k] / scale[:, None] / scale, rcond=1e-9, hermitian=True)
-    return bool(log_p(float(beta / scale @ together @ (beta / scale)), k) < log_p(least**2, 1))
+    together = np.linalg.pinv(covariance[:k, :k] / std[:, None] / std, rcond=1e-9, hermitian=True)
+    return bool(log_p(float(z @ together @ z), k) < log_p(least**2, 1))
 
 
 def is_above_steps(search: Search, candidate: Candidate, values: dict[str, dict[str, Any]]) -> bool:
@@ -224,13 +223,16 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
         if len(out) < 3 and entry not in out:
             out.append(entry)
 
-    slack = 0.5 * settings.law_error**2 * found.score.statistic
-    alike: list[tuple[bool, Candidate]] = []
+    close = max(settings.close, 0.5 * settings.law_error**2 * found.score.statistic)
     rubs = found.candidate.effect.name == "coulomb_friction"
+    alike: list[tuple[bool, Candidate]] = []
     for rival, difference in _leaning(search, without, found):
-        likeness = canonical_correlation(search, without, found.candidate, rival)
-        near = difference > -0.1 * found.gain - 30 and likeness > settings.same
-        if difference > -max(settings.close, slack) or near:
+        within = difference > -close
+        if not within and difference <= -0.1 * found.gain - 30:
+            continue
+        asked = rubs or not within
+        likeness = canonical_correlation(search, without, found.candidate, rival) if asked else 0.0
+        if within or likeness > settings.same:
             alike.append((rubs and likeness > EQUAL, rival))
     for _, rival in sorted(alike, key=lambda item: item[0]):  # bearings, guides and capstans last
         add(rival.effect.name, rival.location)
@@ -376,7 +378,7 @@ def outweighs(model: CableModel, found: Found, motor: int, excess: float, least:
     return elsewhere or found.score.statistic > least * excess
 
 
-def is_sure(model: CableModel, found: Found, score: Score, patches: Sequence[Found]) -> bool:
+def is_sure(model: CableModel, found: Found, patches: Sequence[Found]) -> bool:
     """Whether a finding stands on its own beside corrections without a name: elsewhere, and not small beside them."""
     own = np.abs(np.array(found.candidate.place.A + found.candidate.place.B))
     for patch in patches:
@@ -385,7 +387,7 @@ def is_sure(model: CableModel, found: Found, score: Score, patches: Sequence[Fou
             return False
         if parallel(found.candidate.place.weights(model), patch.candidate.place.weights(model)):
             return False  # joint 1 and motor 1 of the paper's arm
-        if score.statistic < 0.2 * patch.score.statistic:
+        if found.score.statistic < 0.2 * patch.score.statistic:
             return False
     return found.candidate.effect.name in CATALOGUE
 

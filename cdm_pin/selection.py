@@ -416,8 +416,7 @@ class Search:
     @cached_property
     def sensed(self) -> Whitener:
         """White noise as large as what the sensors bring by themselves."""
-        n = self.problem.n_channels
-        return Whitener(np.zeros((n, 1)), np.diag(1.0 / self.problem.sensed), np.ones(len(self.problem.runs)))
+        return Whitener.white(self.problem.sensed, len(self.problem.runs))
 
     @cached_property
     def common(self) -> tuple[Candidate, ...]:
@@ -436,9 +435,9 @@ class Search:
     @cached_property
     def plain(self) -> Whitener:
         """Scale the channels only."""
-        n = self.problem.n_channels
-        level = np.array([_level(self.nominal, self.problem.segments, c) for c in range(n)])
-        return Whitener(np.zeros((n, 1)), np.diag(1 / level), np.ones(len(self.problem.runs)))
+        channels = range(self.problem.n_channels)
+        level = np.array([_level(self.nominal, self.problem.segments, c) for c in channels])
+        return Whitener.white(level, len(self.problem.runs))
 
     def noise(self, effects: Sequence[Candidate], rounds: int = 3) -> Whitener:
         """Estimate the noise as what rigid body and effects leave over."""
@@ -462,7 +461,7 @@ class Search:
     def even(self, effects: Sequence[Candidate]) -> Whitener:
         """White noise as large as what rigid body and effects leave over."""
         level = np.maximum(rms(self, self._errors(effects, self.plain)), 1e-12)
-        return Whitener(np.zeros((len(level), 1)), np.diag(1.0 / level), np.ones(len(self.rigid)))
+        return Whitener.white(level, len(self.problem.runs))
 
     def likelihood_ratio(
         self, effects: Sequence[Candidate], candidate: Candidate, least: float = 0.0
@@ -487,10 +486,9 @@ class Search:
         ratio : float
             Twice the log-likelihood gained.
         """
-        whole, segments = [*effects, candidate], self.problem.segments
-        shared = self.noise(effects)
+        whole, shared = [*effects, candidate], self.noise(effects)
         residuals = self._errors(whole, shared)
-        quiet = quiet_segments(residuals, segments)
+        quiet = quiet_segments(residuals, self.problem.segments)
 
         def noise(residuals: Sequence[Vector]) -> tuple[Whitener, float]:
             whitener = fit_whitener(residuals, quiet, self.settings.order, self.problem.blocks)

@@ -77,6 +77,11 @@ class Whitener:
     mix: Vector
     scale: Vector
 
+    @classmethod
+    def white(cls, level: Vector, n_runs: int) -> Whitener:
+        """White noise of a standard deviation per channel, shape (n_channels,), in channels that share none of it."""
+        return cls(np.zeros((len(level), 1)), np.diag(1.0 / level), np.ones(n_runs))
+
     @property
     def order(self) -> int:
         """Samples that are lost at the start of every segment."""

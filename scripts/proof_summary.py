@@ -287,7 +287,7 @@ def bars(rows: Sequence[Row]) -> list[Bar]:
     told = estimates([row for row in met_exactly if everything(row)])
     ratios = [p.std / p.bound for p in told if p.bound > 0]
     bodies = [row for row in [*plain, *quarter] if row["effects"] and rigid(row)]
-    mujoco, several = of(rows, "mujoco"), of(rows, "several")
+    mujoco, several, timed = of(rows, "mujoco"), of(rows, "several"), in_share(rows)
     return [
         clean_bar(clean),
         quantile_bar("nothing missing: amplitude that would have been seen, over the oracle's (median)",
@@ -320,9 +320,9 @@ def bars(rows: Sequence[Row]) -> list[Bar]:
         share_bar("rotor, payload, last encoder: listed as the class they are",
                   share(bodies, lambda row: "missed" not in row["meetings"]), None),
         quantile_bar("processor time of a diagnosis, 3 links (median)",
-                     [x for row in in_share(rows) if row["links"] == "3" for x in numbers(row, "cpu")], 3.0, unit=" s"),
+                     [x for row in timed if row["links"] == "3" for x in numbers(row, "cpu")], 3.0, unit=" s"),
         quantile_bar("processor time of a diagnosis, all (median)",
-                     [x for row in in_share(rows) for x in numbers(row, "cpu")], None, unit=" s"),
+                     [x for row in timed for x in numbers(row, "cpu")], None, unit=" s"),
         share_bar("moved by MuJoCo, one effect: name and place first",
                   share([row for row in mujoco if row["effects"]], first), None),
         share_bar("moved by MuJoCo, nothing missing: alarms",

@@ -1,7 +1,5 @@
 """What keeps a diagnosis from claiming too much: bursts of noise, coarse encoders, recordings that it has not seen."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from trials import loaded_trial
@@ -113,12 +111,10 @@ def test_a_weak_push_does_not_pass_for_slow_noise(tmp_path):
     problem = make_problem(model, runs)
     search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
     start, end = truth["effects"][0]["parameters"]["time"]
-    (push, other) = (
-        replace(c, shape=(start + shift, end + shift, 0.0))
-        for shift in (0.0, 12.0)
-        for c in all_candidates(problem, ("external_torque",))[:1]
+    place = joint_places(model)[1]
+    push, other = (
+        Candidate(CATALOGUE["external_torque"], place, (start + shift, end + shift, 0.0)) for shift in (0.0, 12.0)
     )
-    push, other = (replace(c, place=joint_places(model)[1]) for c in (push, other))
     whitener, ratio = search.likelihood_ratio([], push)
     assert ratio > 1.5 * search.score(search.fit([]), push).statistic
     assert search.score(search.fit([], whitener), push).statistic > ratio > 60.0
