@@ -186,24 +186,27 @@ def _seconded(judge: Search, explanation: Explanation, most: int = 8) -> Explana
 def _judged(judge: Search, explanation: Explanation) -> Explanation:
     """Withdraw what does not help on the unseen recordings; what then stands out has no name.
 
-    What is left is judged again each time, for it may have helped only against what was withdrawn.
+    One at a time, first that without which they are likeliest: the others may have failed, or helped, only beside it.
     """
-    search = explanation.search
-    for turn in range(5):
+    search, withdrawn, patched = explanation.search, False, False
+    for _ in range(2 * search.settings.most):
         before, explanation = explanation, _reconsidered(judge, explanation)
         if explanation is not before:
             effects = [f.candidate for f in explanation.found]
-            patched = patch(search, explanation.bank, effects)
-            if patched is not None and all(c in patched for c in effects):
-                explanation = explained(search, explanation.bank, patched)
-        kept = [f for j, f in enumerate(explanation.found) if _helps(judge, explanation, j)]
-        if len(kept) == len(explanation.found):
+            more = patch(search, explanation.bank, effects)
+            if more is not None and all(c in more for c in effects):
+                explanation = explained(search, explanation.bank, more)
+        failing = [j for j in range(len(explanation.found)) if not _helps(judge, explanation, j)]
+        if failing:
+            worst = min(failing, key=lambda j: deviance_unseen(judge, search.without(explanation.fit, j)))
+            explanation = _restricted(explanation, [f for j, f in enumerate(explanation.found) if j != worst])
+            withdrawn = True
+            continue
+        left = [f.candidate for f in explanation.found]
+        more = patch(search, explanation.bank, left) if withdrawn and not patched else None
+        if more is None:
             break
-        patched = None if turn else patch(search, explanation.bank, [f.candidate for f in kept])
-        if patched is None:
-            explanation = _restricted(explanation, kept)
-        else:
-            explanation = explained(search, explanation.bank, patched)
+        explanation, patched = explained(search, explanation.bank, more), True
     return explanation
 
 

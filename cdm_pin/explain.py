@@ -187,6 +187,8 @@ def _simplest(explanation: Explanation) -> Explanation:
         alike = [found.candidate]
         for rival, difference in found.rivals:
             here = rival.place.location == found.candidate.place.location
+            if any(rival.key == c.key for c in accepted):
+                continue
             if rival.named == found.candidate.named and difference > -(slack if here else search.settings.close):
                 alike.append(rival)
         rubs = "coulomb_friction" in found.candidate.effect.confounded
