@@ -48,8 +48,7 @@ def rubs_everywhere(search: Search, bank: Bank, found: Sequence[Candidate], leas
     if loud < max(least, 0.75 * len(axes)) or spread <= max(2.0, 0.3 * len(axes)):
         return False
     rigid = search.fit([], clear)
-    scores = search.score_all(rigid, bank)
-    patch = max(s.statistic for c, s in zip(bank.candidates, scores, strict=True) if not c.named)
+    patch = max(score.statistic for score in search.score_all(rigid, bank.corrections))
     return bool(rigid.deviance - patch > whole)
 
 

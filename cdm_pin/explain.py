@@ -71,8 +71,8 @@ class Explanation:
 
     @property
     def scores(self) -> list[Score]:
-        """Of all candidates given the found ones."""
-        return self.search.score_all(self.fit, self.bank)
+        """Of all candidates with a name, given the found ones."""
+        return self.search.score_all(self.fit, self.bank.laws)
 
     @property
     def worth(self) -> float:
@@ -493,9 +493,11 @@ def _leaders(
     """
     loads = any(c.loads for c in instead)
     best: dict[tuple[str, str], tuple[float, int, Score]] = {}
-    for i, (candidate, score) in enumerate(zip(bank.candidates, search.score_all(fit, bank), strict=True)):
-        if named is not None and candidate.named != named:
-            continue
+    pool = [p for p, own in ((bank.laws, True), (bank.corrections, False)) if named in (own, None)]
+    candidates = [c for part in pool for c in part.candidates]
+    weight = [w for part in pool for w in part.weight]
+    scores = [score for part in pool for score in search.score_all(fit, part)]
+    for i, (candidate, score) in enumerate(zip(candidates, scores, strict=True)):
         if score.visible < search.settings.visible or any(candidate.key == other.key for other in taken):
             continue
         if loads and candidate.effect.follows:
@@ -504,7 +506,7 @@ def _leaders(
         if np.isfinite(value) and (candidate.key not in best or value > best[candidate.key][0]):
             best[candidate.key] = (value, i, score)
     order = sorted(best.values(), key=lambda item: (-_rough(item[0]), item[1]))[:most]
-    return [(bank.candidates[i], score, bank.weight[i]) for _, i, score in order]
+    return [(candidates[i], score, weight[i]) for _, i, score in order]
 
 
 def _asked(search: Search, fit: Fit, bank: Bank, taken: Sequence[Candidate]) -> bool:

@@ -81,6 +81,9 @@ def with_law_errors(
 ) -> dict[str, dict[str, Any]]:
     """Add to the standard errors of effect `j` by how much parameters may be wrong because their laws are.
 
+    Clocks, derivatives and filters leave no parameter better known than a share of itself. A peak of static friction
+    that is as narrow as the sign of the velocity is smooth is no more than known to be there.
+
     Parameters
     ----------
     search : Search
@@ -98,7 +101,14 @@ def with_law_errors(
         whole = covariance + stiffening(search, fit, j, covariance)
         values = parameters(candidate, fit.beta[j], whole[np.ix_(index, index)])
     seen = search.problem.kinematic
-    shares = {p.name: p.error if seen else p.error_unseen for p in candidate.effect.parameters}
+    shares = {p.name: max(p.error if seen else p.error_unseen, LEAST) for p in candidate.effect.parameters}
+    if candidate.effect.name == "stribeck_friction":
+        width, velocity = candidate.shape
+        shares |= {
+            "stribeck": LEAST + (width / velocity) ** 2,
+            "stribeck_velocity": LEAST + 0.2 * (width / velocity) ** 2,
+        }
+    shares |= dict.fromkeys(("phase", "start", "end"), 0.0)  # these count from an origin of no meaning
     return {
         name: v | {"std": float(np.hypot(v["std"], shares.get(name, 0.0) * v["value"]))} for name, v in values.items()
     }
@@ -144,6 +154,8 @@ def parameters(candidate: Candidate, beta: Vector, covariance: Vector) -> dict[s
 
 EQUAL = 0.9999
 """Canonical correlation of dry friction with what is dry friction on these data."""
+LEAST = 0.002
+"""Relative accuracy beyond which no parameter is known."""
 REFINING = ("stribeck_friction", "asymmetric_friction", "position_dependent_friction", "friction_drift")
 """Laws whose first column is dry friction, the others what refines it."""
 SHAPES = ("phase", "cycles", "form", "ratio", "stribeck_velocity", "time_constant", "rest", "start", "end")
@@ -301,10 +313,10 @@ def sensitivities(search: Search, explanation: Explanation) -> list[dict[str, An
     """
     rows: dict[tuple[str, str], dict[str, Any]] = {}
     names = search.base.names
-    bank = explanation.bank
+    bank = explanation.bank.laws
     accepted = {f.candidate.key for f in explanation.found}
     for candidate, score, weight in zip(bank.candidates, explanation.scores, bank.weight, strict=True):
-        if not candidate.named or candidate.key in accepted:
+        if candidate.key in accepted:
             continue
         k = max(score.k, 1)
         z = np.sqrt(threshold(search.settings.alarm, weight, k)) + 1.2816
@@ -356,8 +368,8 @@ def refit_gain(found: Found) -> float:
 def absorbed(search: Search, explanation: Explanation, least: float = 0.02) -> list[dict[str, Any]]:
     """List the effects that the rigid body takes up (almost) whole, with the base parameters that take them up."""
     out, seen = [], set()
-    for candidate, score in zip(explanation.bank.candidates, explanation.scores, strict=True):
-        if not candidate.named or candidate.key in seen or score.visible >= least:
+    for candidate, score in zip(explanation.bank.laws.candidates, explanation.scores, strict=True):
+        if candidate.key in seen or score.visible >= least:
             continue
         seen.add(candidate.key)
         columns = [c[:1] for c in search.columns(candidate)]

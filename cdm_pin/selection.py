@@ -24,7 +24,7 @@ from .whitening import Lines, Segments, Whitener, fit_whitener, log_likelihood, 
 
 _TORQUE_BOUND = frozenset(name for name, effect in CATALOGUE.items() if effect.follows or effect.weighs)
 SHORTEST = 1e-4  # [s] of delays
-_LARGE = 2e9  # bytes of a whitened bank; of such only one is kept
+_LARGE = 2e9  # bytes of whitened banks that are kept
 
 
 @dataclass(frozen=True)
@@ -89,6 +89,26 @@ class Bank:
     slices: tuple[slice, ...]
     lines: list[Lines]
     weight: Vector
+
+    @cached_property
+    def laws(self) -> Bank:
+        """The candidates that have a name."""
+        return self._part([i for i, c in enumerate(self.candidates) if c.named])
+
+    @cached_property
+    def corrections(self) -> Bank:
+        """The candidates without a name, which take more columns than the others."""
+        return self._part([i for i, c in enumerate(self.candidates) if not c.named])
+
+    def _part(self, own: Sequence[int]) -> Bank:
+        slices = [self.slices[i] for i in own]
+        first = np.cumsum([0, *[s.stop - s.start for s in slices]])
+        return Bank(
+            tuple(self.candidates[i] for i in own),
+            tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(first)),
+            [lines.part(slices) for lines in self.lines] if own else [],
+            self.weight[list(own)],
+        )
 
 
 @dataclass(frozen=True)
@@ -232,7 +252,7 @@ class Search:
         self._noise: dict[Any, Whitener] = {}
         self._bodies: Recent = Recent(4)
         self._fits: Recent = Recent(24)
-        self._banks: Recent = Recent(2)
+        self._banks: Recent = Recent(4)
         self._scores: Recent = Recent(8)
         self._sizes: Recent = Recent(8)
         self._rests: Recent = Recent(8)
@@ -743,7 +763,8 @@ class Search:
         known = self._banks.get(whitener, bank)
         if known is not None:
             return known
-        if 8 * bank.slices[-1].stop * len(body.data) > _LARGE:
+        size = bank.slices[-1].stop * len(body.data)
+        if 8 * (size + sum(kept.W.size for kept in self._banks.values())) > _LARGE:
             self._banks.clear()
         W = whitener.lines(bank.lines, self.problem.segments)
         full = np.einsum("ij,ij->i", W, W)
@@ -999,6 +1020,10 @@ class Recent:
         while len(self._known) > self.most:
             self._known.pop(next(iter(self._known)))
         return value
+
+    def values(self) -> list[Any]:
+        """Give all that is kept."""
+        return [value for _, value in self._known.values()]
 
     def clear(self) -> None:
         """Forget all."""

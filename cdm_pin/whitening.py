@@ -51,6 +51,14 @@ class Lines:
             int(first[-1]),
         )
 
+    def part(self, columns: Sequence[slice]) -> Lines:
+        """Give some of the columns, in this order."""
+        target = np.full(self.n_columns, -1)
+        which = np.concatenate([np.arange(s.start, s.stop) for s in columns])
+        target[which] = np.arange(len(which))
+        own = target[self.owner] >= 0
+        return Lines(self.series[own], self.weights[own], target[self.owner[own]], len(which))
+
     def dense(self) -> Vector:
         """Add the series up, shape (n_columns, n_channels, n_samples)."""
         out = np.zeros((self.n_columns, self.weights.shape[1], self.series.shape[1]))
