@@ -100,7 +100,12 @@ def _numbers(effect: Effect, parameters: Mapping[str, Any], place: str) -> dict[
 
 
 def added_torque(motion: Motion) -> Vector:
-    """Compute what the effects of the motion's model add to the motors' torques.
+    """Compute what the effects of the motion's model add to the motors' torques, shape (n, n_motors) [N m]."""
+    return added(motion)[0]
+
+
+def added(motion: Motion) -> tuple[Vector, Vector]:
+    """Compute what the effects of the motion's model add to the motors' torques and to the cables' travel.
 
     Effects that change where the joints stand (elasticity, ratio errors) enter to first order, as in their columns.
 
@@ -110,10 +115,12 @@ def added_torque(motion: Motion) -> Vector:
 
     Returns
     -------
-    ndarray, shape (n, n_motors)
+    torque : ndarray, shape (n, n_motors)
         [N m].
+    travel : ndarray, shape (n, n_motors)
+        Of the motors beyond what the joints' positions say, at the joints' scale [rad].
     """
-    total = np.zeros((motion.n, motion.model.n_motors))
+    torque, travel = np.zeros((2, motion.n, motion.model.n_motors))
     effects = effect_candidates(motion.model)
     motion = loaded(motion, effects)
     for candidate, beta in effects:
@@ -121,8 +128,11 @@ def added_torque(motion: Motion) -> Vector:
         if columns.along is not None:
             series, w = columns.along
             k = min(len(beta), len(series))
-            total += (beta[:k] @ series[:k])[:, None] * w
+            torque += (beta[:k] @ series[:k])[:, None] * w
         elif columns.torque is not None:
             k = min(len(beta), columns.torque.shape[2])
-            total += columns.torque[..., :k] @ beta[:k]
-    return total
+            torque += columns.torque[..., :k] @ beta[:k]
+        if columns.kinematic is not None:
+            k = min(len(beta), columns.kinematic.shape[2])
+            travel += columns.kinematic[..., :k] @ beta[:k]
+    return torque, travel

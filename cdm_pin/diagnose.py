@@ -417,7 +417,7 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
     items = [_finding(search, judge, explanation, j, values) for j, values in stated.items()]
     written = fitted if explanation.everywhere else stated  # also those whose names are not sure
     records = [
-        r for j, values in written.items() for r in _records(explanation.found[j].candidate, values, fit.beta[j])
+        r for j, values in written.items() for r in _records(model, explanation.found[j].candidate, values, fit.beta[j])
     ]
     verdict = "unexplained" if unexplained else ("missing_physics" if items else "consistent")
     content = {
@@ -505,10 +505,15 @@ def _finding(
     return item
 
 
-def _records(candidate: Candidate, values: dict[str, Any], beta: Vector) -> list[dict[str, Any]]:
-    """Say an effect as model files do; a hysteresis of several elements is one entry for each."""
+def _records(
+    model: CableModel, candidate: Candidate, values: dict[str, dict[str, Any]], beta: Vector
+) -> list[dict[str, Any]]:
+    """Say an effect as model files do; a hysteresis of several elements is one entry for each.
+
+    A stiffening spring was fitted as a polynomial: the constant that its law does not have is one of the motors.
+    """
     place = candidate.location
-    if candidate.effect.name == "hysteresis" and candidate.detail and candidate.shape[1] < 0.5:
+    if candidate.effect.name == "hysteresis" and candidate.detail:
         out = []
         for limit, share, form in zip(beta, (1.0, *STOPS), (candidate.shape[1], *[0.5] * len(STOPS)), strict=False):
             distance = share * candidate.shape[0]
@@ -520,7 +525,20 @@ def _records(candidate: Candidate, values: dict[str, Any], beta: Vector) -> list
     parameters = {name: round(float(v["value"]), 10) for name, v in values.items()}
     if candidate.effect.nuisance_shape:
         parameters["width"] = round(float(candidate.shape[0]), 10)
-    return [{"effect": candidate.effect.name, "location": place, "parameters": parameters}]
+    own = {"effect": candidate.effect.name, "location": place, "parameters": parameters}
+    if "cubic" not in parameters:
+        return [own]
+    constant = beta[1] - candidate.effect.coefficients(parameters)[0][1]
+    offsets = [
+        {
+            "effect": "torque_offset",
+            "location": {"kind": "motor", "index": i + 1},
+            "parameters": {"offset": round(float(-w * constant), 10)},
+        }
+        for i, w in enumerate(candidate.place.weights(model))
+        if w
+    ]
+    return [own, *offsets]
 
 
 def changed_parameters(model: CableModel, search: Search, explanation: Explanation) -> list[dict[str, Any]]:

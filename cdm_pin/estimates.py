@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .cables import cable_state
-from .completed import effect_candidates
+from .completed import added
 from .errors import RecordingError
 from .geometry import Vector
 from .model import CableModel
@@ -56,16 +56,8 @@ def estimated_output(model: CableModel, recording: Recording) -> dict[str, Vecto
         velocity_noise=np.zeros(model.n_motors),
         pretension=recording.pretension or model.manipulator.pretension,
     )
-    taken, travel = model.rotor_inertia * a_m, np.zeros_like(q_m)
-    for candidate, beta in effect_candidates(model):
-        columns = candidate.columns(motion)
-        if columns.along is not None:
-            series, w = columns.along
-            taken = taken + (beta[: len(series)] @ series[: len(beta)])[:, None] * w
-        if columns.torque is not None:
-            taken = taken + columns.torque[..., : len(beta)] @ beta[: columns.torque.shape[2]]
-        if columns.kinematic is not None:
-            travel = travel + columns.kinematic[..., : len(beta)] @ beta[: columns.kinematic.shape[2]]
+    taken, travel = added(motion)
+    taken = taken + model.rotor_inertia * a_m
     out = {"joint_position": model.joint_position(q_m - travel / model.arm_scale)}
     if "motor_torque" in recording.channels:
         out["joint_torque"] = (recording.channels["motor_torque"] - taken) @ np.linalg.pinv(E)

@@ -403,11 +403,11 @@ def gain(search: Search, fit: Fit, candidate: Candidate, score: Score) -> float:
 
 
 def _passes(search: Search, candidate: Candidate, score: Score, weight: float, fit: Fit) -> bool:
-    """Whether a candidate is significant, visible, and more than an error of the laws that are in the fit already."""
+    """Whether a candidate is significant, visible, and more than an error of the laws in the fit or in the model."""
     if not candidate.effect.counts:
         candidate, score = search.refine(fit, candidate)
     robust = _is_significant(search, candidate, score, weight, fit)
-    if robust is None or not fit.effects:
+    if robust is None or not (fit.effects or search.problem.model.manipulator.effects):
         return robust is not None
     own = score.beta @ fit.rest(search.white(fit.whitener, search.columns(candidate)))
     return robust.statistic > _error_of_laws(search, candidate, own, fit)

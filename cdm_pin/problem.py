@@ -343,13 +343,15 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
         inertia_noise=inertia_noise(model, signals) if torque else None,
     )
     channels = [measured_torques(model, signals.logged)] if torque else []
-    if torque and model.manipulator.effects:
-        from .completed import added_torque
+    stated = np.zeros_like(travel)
+    if model.manipulator.effects:
+        from .completed import added
 
-        channels[0] = channels[0] - added_torque(motion)
+        push, stated = added(motion)
+        channels = [torques - push for torques in channels]
     run = Run(signals, motion, np.concatenate([*channels, np.zeros((motion.n, 0))], axis=1).T)
     if not kinematic:
         return run
     run = replace(run, sure=_sure_of_mean(model, signals))
-    left = run.without_mean((_dithered(travel, signals, model) * model.arm_scale).T)
+    left = run.without_mean((_dithered(travel, signals, model) * model.arm_scale - stated).T)
     return replace(run, data=np.concatenate([run.data, left]))

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from .base import BaseParameters, massive_columns
+from .completed import effect_candidates
 from .drift import LONG, LOUD, drift_columns, drifting_channels, slow_shapes, without_drift
 from .effects import CATALOGUE, RATIOS, Candidate
 from .geometry import Vector
@@ -707,7 +708,7 @@ class Search:
         return self._clear[key]
 
     def errors_of_laws(self, fit: Fit) -> Vector:
-        """Add up the magnitudes of the errors that the laws in a fit may have, whitened.
+        """Add up the magnitudes of the errors of laws, in a fit and as the model states them, whitened.
 
         Returns
         -------
@@ -716,8 +717,8 @@ class Search:
         known = self._sizes.get(fit)
         if known is None:
             known = np.zeros(fit.n_rows)
-            for candidate, beta in zip(fit.effects, fit.beta, strict=True):
-                parts = [np.tensordot(beta, columns, 1)[None] for columns in self.columns(candidate)]
+            for candidate, beta in [*zip(fit.effects, fit.beta, strict=True), *effect_candidates(self.problem.model)]:
+                parts = [np.tensordot(beta, columns[: len(beta)], 1)[None] for columns in self.columns(candidate)]
                 if candidate.effect.exact_travel and self.problem.torque:
                     for part in parts:
                         part[:, self.problem.model.n_motors :] = 0.0

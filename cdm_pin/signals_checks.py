@@ -149,9 +149,9 @@ def _velocity_ratio(
     v = differentiate(lowpass(logged[name.replace("velocity", "position")], rate, cutoff), rate)
     recorded = lowpass(logged[name], rate, cutoff)
     v, recorded = v - v.mean(axis=0), recorded - recorded.mean(axis=0)
-    power = np.sum(v**2, axis=0) + 1e-300
-    ratio = np.sum(v * recorded, axis=0) / power
-    return ratio, np.sum(v * recorded, axis=0) / np.sqrt(power * (np.sum(recorded**2, axis=0) + 1e-300))
+    norm, own = np.linalg.norm(v, axis=0) + 1e-150, np.linalg.norm(recorded, axis=0) + 1e-150
+    shared = np.sum(v * recorded, axis=0)
+    return shared / norm**2, shared / norm / own
 
 
 def _moving(signals: Signals, position: str) -> np.ndarray:

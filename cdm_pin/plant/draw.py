@@ -210,11 +210,14 @@ def _draw(
         told = [s for s, f in zip(seen, faults, strict=True) if not _in_rigid_body(f, n, sensors.positions)]
         if all(s["visibility"] >= at_least for s in told):
             break
+    whole = 1.0
     for _ in range(8 if visibility and faults else 0):
         more = float(visibility or 1.0) / max(seen[-1]["visibility"], 1e-9)
-        if abs(more - 1.0) < 0.05 or more > 1e6:
+        step = float(np.clip(more, 0.02, 50.0))
+        if abs(more - 1.0) < 0.05 or more > 1e6 or not FAINTEST < whole * step < 1.0 / FAINTEST:
             break
-        faults[-1] = faults[-1].scaled(float(np.clip(more, 0.02, 50.0)))
+        whole *= step
+        faults[-1] = faults[-1].scaled(step)
         scene, seen = shown(faults)
     runs = [scene.motion, *(moved(faults, k) for k in range(1, len(references)))]
     logs = [
@@ -225,6 +228,8 @@ def _draw(
     return Trial(content, tuple(logs[:n_recordings]), tuple(logs[n_recordings:]), truth, scene, tuple(own))
 
 
+FAINTEST = 1e-4
+"""An effect is made so many times smaller at most, to be as visible as asked for: a rigid cable is never seen."""
 _SIZES = {"plain": 1.0, "quarter": 0.25}
 
 
