@@ -500,6 +500,8 @@ def _finding(
         "time": time,
         "region": None if candidate.effect.name in ONCE else region(search, fit, j),
     }
+    if candidate.effect.name == "hysteresis":
+        item["memory"] = "cable tension" if candidate.remembers_tension else "angle"
     if judge is None or (candidate.effect.name not in ONCE and _due(judge, explanation, j) < BLIND):
         item["unconfirmed"] = True
     return item

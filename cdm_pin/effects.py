@@ -298,6 +298,20 @@ def pair_places(model: CableModel) -> list[Place]:
     ]
 
 
+def tension_places(model: CableModel) -> list[Place]:
+    """Every cable pair, as what remembers the torque that it carried; its motor feels what it does."""
+    nj, nm = model.n_joints, model.n_motors
+    return [
+        Place({"kind": "cable", "index": i + 1}, (0.0,) * nj, tuple(np.eye(nm)[i] * model.arm_scale[i]), (i,))
+        for i in range(nm)
+    ]
+
+
+def remembers_tension(effect: Effect, place: Place) -> bool:
+    """Whether the memory of a hysteresis is in a cable's torque, not in an angle."""
+    return effect.name == "hysteresis" and place.location["kind"] == "cable" and "link" not in place.location
+
+
 def base_places(model: CableModel) -> list[Place]:
     """Give the base alone, where there is gravity."""
     return [Place({"kind": "base"})] if np.linalg.norm(model.chain.gravity) > 0 else []
@@ -414,8 +428,15 @@ STOPS = (0.3, 0.8, 2.0, 5.0)
 
 
 def _stops(motion: Motion, place: Place, shape: Shape, scale: float) -> list[Vector]:
-    x = _position(motion, place)
+    x = _remembered(motion, place)
     return [maxwell(x, f * scale * shape[0], 1.0) for f in STOPS]
+
+
+def _remembered(motion: Motion, place: Place) -> Vector:
+    """Give what a hysteresis remembers: the position of its coordinate [rad], or the torque of its cable [N m]."""
+    if remembers_tension(CATALOGUE["hysteresis"], place):
+        return motion.clear_torque[:, place.index[0]]
+    return _position(motion, place)
 
 
 def _viscous(motion: Motion, place: Place, shape: Shape) -> Columns:
@@ -519,7 +540,7 @@ def maxwell(x: Vector, distance: float, spread: float) -> Vector:
 
 
 def _hysteresis(motion: Motion, place: Place, shape: Shape) -> Columns:
-    x = _position(motion, place)
+    x = _remembered(motion, place)
     z = dahl(x, shape[0]) if shape[1] < 0.5 else maxwell(x, shape[0], 1.0 + 4.0 * (shape[1] - 0.5))
     return _rub(motion, place, z)
 
@@ -557,6 +578,8 @@ def at_known_place(candidate: Candidate, model: CableModel, alike: float = 0.999
 
 
 def _hysteresis_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
+    if remembers_tension(CATALOGUE["hysteresis"], place):
+        return [(f * (_greatest_load(motions, place) or 1.0), 0.0) for f in (0.1, 0.4)]
     r = reach(motions, place)
     if place.is_pair:
         return [(0.02 * r, 0.0), (0.1 * r, 0.0)]
@@ -564,6 +587,9 @@ def _hysteresis_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
 
 
 def _hysteresis_bounds(motions: Sequence[Motion], place: Place) -> list[tuple[float, float]]:
+    if remembers_tension(CATALOGUE["hysteresis"], place):
+        most = _greatest_load(motions, place) or 1.0
+        return [(0.03 * most, 3.0 * most), (0.0, 1.0)]
     r = reach(motions, place)
     return [(0.003 * r, 1.0 * r), (0.0, 1.0)]
 
@@ -1147,7 +1173,7 @@ CATALOGUE: dict[str, Effect] = {
                 Parameter("limit", _NM, 0.0, error=0.008, error_unseen=0.008),
                 Parameter("form", "1"),
             ),
-            lambda model: rub_places(model) + pair_places(model),
+            lambda model: rub_places(model) + pair_places(model) + tension_places(model),
             _hysteresis,
             _hysteresis_physical,
             _hysteresis_grid,
@@ -1156,7 +1182,7 @@ CATALOGUE: dict[str, Effect] = {
             confounded=("coulomb_friction", "backlash", "stribeck_friction"),
             revealed_by="small nested reversals",
             inverse=lambda p: ([p["limit"]], [p["limit"] / p["stiffness"], p.get("form", 0.0)]),
-            reference="Dahl 1968; Maxwell-slip: Lampaert, Swevers, Al-Bender 2002; memory in angle",
+            reference="Dahl 1968; Maxwell-slip: Lampaert, Swevers, Al-Bender 2002",
             detail=_stops,
             error=0.1,
         ),
@@ -1455,8 +1481,18 @@ class Candidate:
 
     @cached_property
     def identity(self) -> tuple[Any, ...]:
-        """Effect, place and shape."""
-        return self.key, self.shape, self.detail
+        """Effect, place and shape, and whether its columns change with the model's torques."""
+        return self.key, self.shape, self.detail, self.hangs_on_torques
+
+    @property
+    def hangs_on_torques(self) -> bool:
+        """Whether its columns depend on the torques of the body or of other effects."""
+        return self.effect.follows or self.effect.weighs or self.remembers_tension
+
+    @property
+    def remembers_tension(self) -> bool:
+        """Whether it is a hysteresis whose memory is in a cable's torque, not in an angle."""
+        return remembers_tension(self.effect, self.place)
 
     @cached_property
     def _here(self) -> tuple[Place, Shape]:

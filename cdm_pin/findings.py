@@ -108,6 +108,8 @@ def with_law_errors(
             "stribeck": LEAST + (width / velocity) ** 2,
             "stribeck_velocity": LEAST + 0.2 * (width / velocity) ** 2,
         }
+    if candidate.remembers_tension:
+        shares["limit"] = 0.03  # a torque that is known less well than an angle
     shares |= dict.fromkeys(("phase", "start", "end"), 0.0)  # these count from an origin of no meaning
     return {
         name: v | {"std": float(np.hypot(v["std"], shares.get(name, 0.0) * v["value"]))} for name, v in values.items()
@@ -144,6 +146,8 @@ def parameters(candidate: Candidate, beta: Vector, covariance: Vector) -> dict[s
                 difference = (difference + np.pi) % (2 * np.pi) - np.pi
             slopes[name][i] = difference / (2 * h)
     units = {p.name: p.unit for p in candidate.effect.parameters}
+    if candidate.remembers_tension:
+        units["stiffness"] = "1"  # N m per N m
     out = {}
     for name, value in values.items():
         g = np.nan_to_num(slopes[name])

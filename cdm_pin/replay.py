@@ -282,7 +282,7 @@ class _Parts:
             self.spring.append((at, (p["stiffness"], p.get("rest", 0.0), p.get("cubic", 0.0))))
         elif name == "torque_ripple":
             self.ripple.append((at, (p["amplitude"], p["cycles"], p["phase"])))
-        elif name == "hysteresis":
+        elif name == "hysteresis" and not candidate.remembers_tension:
             self._remember(w, place.along(motion.q, motion.q_m), p)
         elif name == "stribeck_friction":
             self._rub(w, p["coulomb"], p["coulomb"], (p["stribeck"], p["stribeck_velocity"]))

@@ -23,7 +23,6 @@ from .problem import Problem
 from .spectra import Spectrum, spectrum, stands_out, tone_peaks, whitener_of
 from .whitening import Lines, Segments, Whitener, fit_whitener, log_likelihood, log_p, quiet_segments
 
-_TORQUE_BOUND = frozenset(name for name, effect in CATALOGUE.items() if effect.follows or effect.weighs)
 SHORTEST = 1e-4  # [s] of delays
 _LARGE = 2e9  # bytes of whitened banks that are kept
 
@@ -272,12 +271,12 @@ class Search:
             nominal - np.tensordot(change, rigid[: len(change)], 1)
             for nominal, rigid in zip(self.nominal, self.rigid, strict=True)
         ]
-        search._cache = {key: value for key, value in self._cache.items() if key[0][0] not in _TORQUE_BOUND}
+        search._cache = {key: value for key, value in self._cache.items() if not key[3]}
         return search
 
     def renewed(self, bank: Bank) -> Bank:
         """Compute those columns of a bank anew that depend on the torques of the body and of other effects."""
-        follows = [i for i, c in enumerate(bank.candidates) if c.effect.name in _TORQUE_BOUND]
+        follows = [i for i, c in enumerate(bank.candidates) if c.hangs_on_torques]
         new = self.bank([bank.candidates[i] for i in follows])
         target = np.concatenate([np.arange(bank.slices[i].start, bank.slices[i].stop) for i in follows] or [[]])
         lines = []
@@ -708,7 +707,9 @@ class Search:
         return self._clear[key]
 
     def errors_of_laws(self, fit: Fit) -> Vector:
-        """Add up the magnitudes of the errors of laws, in a fit and as the model states them, whitened.
+        """Add up the magnitudes of the errors that the laws in a fit may have, whitened.
+
+        Those that the model states already count as one, the root of the sum of their squares.
 
         Returns
         -------
@@ -717,16 +718,21 @@ class Search:
         known = self._sizes.get(fit)
         if known is None:
             known = np.zeros(fit.n_rows)
-            for candidate, beta in [*zip(fit.effects, fit.beta, strict=True), *effect_candidates(self.problem.model)]:
-                parts = [np.tensordot(beta, columns[: len(beta)], 1)[None] for columns in self.columns(candidate)]
-                if candidate.effect.exact_travel and self.problem.torque:
-                    for part in parts:
-                        part[:, self.problem.model.n_motors :] = 0.0
-                known = known + candidate.effect.error * np.abs(self.white(fit.whitener, parts)[0])
-                if candidate.has_doubts:
-                    doubts = self.problem.reduce(lambda motion, c=candidate, b=beta: c.doubts(motion, b))
-                    known = known + np.abs(self.white(fit.whitener, [d.dense() for d in doubts])).sum(axis=0)
-            self._sizes.keep(known, fit)
+            for candidate, beta in zip(fit.effects, fit.beta, strict=True):
+                known = known + self._error_of(candidate, beta, fit)
+            stated = [self._error_of(c, beta, fit) ** 2 for c, beta in effect_candidates(self.problem.model)]
+            known = self._sizes.keep(known + np.sqrt(np.sum(stated, axis=0)), fit)
+        return known
+
+    def _error_of(self, candidate: Candidate, beta: Vector, fit: Fit) -> Vector:
+        parts = [np.tensordot(beta, columns[: len(beta)], 1)[None] for columns in self.columns(candidate)]
+        if candidate.effect.exact_travel and self.problem.torque:
+            for part in parts:
+                part[:, self.problem.model.n_motors :] = 0.0
+        known = candidate.effect.error * np.abs(self.white(fit.whitener, parts)[0])
+        if candidate.has_doubts:
+            doubts = self.problem.reduce(lambda motion: candidate.doubts(motion, beta))
+            known = known + np.abs(self.white(fit.whitener, [d.dense() for d in doubts])).sum(axis=0)
         return known
 
     def offsets(self, fit: Fit) -> Vector:

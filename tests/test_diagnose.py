@@ -9,8 +9,10 @@ from trials import written_trial
 from cdm_pin.band import make_band
 from cdm_pin.cli import main
 from cdm_pin.diagnose import diagnose, distinct
+from cdm_pin.manipulator import save_manipulator
 from cdm_pin.model import load_model
 from cdm_pin.recording import Recording
+from cdm_pin.selection import rms
 
 KEYS = {
     "schema",
@@ -70,13 +72,21 @@ def test_order_and_copies_do_not_matter(dry, dry_diagnosis):
     assert again["findings"] == dry_diagnosis.content["findings"]
 
 
-def test_the_completed_model_is_complete(dry, dry_diagnosis, tmp_path):
-    """Diagnosed again from model.yaml, the same recordings ask for nothing more."""
-    from cdm_pin.manipulator import save_manipulator
-
-    save_manipulator(dry_diagnosis.manipulator, tmp_path / "model.yaml")
-    model = load_model(tmp_path / "model.yaml")
-    assert diagnose(model, dry[1], dry[2]).content["verdict"] == "consistent"
+@pytest.mark.parametrize("effect, seed", [("coulomb_friction", 3), ("joint_spring", 8500), ("hysteresis", 8502)])
+@pytest.mark.parametrize("positions", ["both"])
+def test_the_completed_model_is_complete(tmp_path, effect, seed, positions):
+    """Run forward from model.yaml it leaves what the fit left, in torques and in travel: nothing more is missing."""
+    effects = [effect, "encoder_offset"]
+    model, runs, unseen, _, _ = written_trial(
+        tmp_path, seed, effects=effects, positions=positions, n_links=2, at_least=50.0, bits=17, noise="white"
+    )
+    first = diagnose(model, runs, unseen)
+    assert {f["effect"] for f in first.content["findings"]} == set(effects)
+    save_manipulator(first.manipulator, tmp_path / "model.yaml")
+    again = diagnose(load_model(tmp_path / "model.yaml"), runs, unseen)
+    assert again.content["verdict"] == "consistent"
+    left, fitted = rms(again.search, again.search.nominal), first.search.left_over(first.explanation.fit.effects)[1].rms
+    assert np.all(left < 1.5 * fitted)
 
 
 def test_wrong_masses_alone_are_consistent(tmp_path):
