@@ -73,15 +73,19 @@ def test_order_and_copies_do_not_matter(dry, dry_diagnosis):
 
 
 @pytest.mark.parametrize("effect, seed", [("coulomb_friction", 3), ("joint_spring", 8500), ("hysteresis", 8502)])
-@pytest.mark.parametrize("positions", ["both"])
-def test_the_completed_model_is_complete(tmp_path, effect, seed, positions):
-    """Run forward from model.yaml it leaves what the fit left, in torques and in travel: nothing more is missing."""
+def test_the_completed_model_is_complete(tmp_path, effect, seed):
+    """Run forward from model.yaml it leaves what the fit left, in torques and in travel: nothing more is missing.
+
+    The hysteresis is one that remembers its cable's torque.
+    """
     effects = [effect, "encoder_offset"]
     model, runs, unseen, _, _ = written_trial(
-        tmp_path, seed, effects=effects, positions=positions, n_links=2, at_least=50.0, bits=17, noise="white"
+        tmp_path, seed, effects=effects, positions="both", n_links=2, at_least=50.0, bits=17, noise="white"
     )
     first = diagnose(model, runs, unseen)
     assert {f["effect"] for f in first.content["findings"]} == set(effects)
+    memory = {f.get("memory", "cable tension") for f in first.content["findings"]}
+    assert memory == {"cable tension"}
     save_manipulator(first.manipulator, tmp_path / "model.yaml")
     again = diagnose(load_model(tmp_path / "model.yaml"), runs, unseen)
     assert again.content["verdict"] == "consistent"

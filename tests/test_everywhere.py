@@ -15,6 +15,7 @@ from cdm_pin.diagnose import _records
 from cdm_pin.dynamics import motor_torques
 from cdm_pin.effects import CATALOGUE, Candidate
 from cdm_pin.everywhere import confirmed, kinds_first, rubs_everywhere
+from cdm_pin.findings import parameters
 from cdm_pin.model import load_model
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording
@@ -92,13 +93,23 @@ def test_what_harms_on_the_unseen_recording_is_withdrawn(model):
     assert ("coulomb_friction", 7) not in kept
 
 
-def test_a_hysteresis_of_several_elements_is_written_whole(model):
+@pytest.mark.parametrize(
+    "name, place, shape, detail, beta",
+    [
+        ("hysteresis", 0, (0.02, 0.0), 1.0, (0.3, 0.0, 0.2, 0.1, 0.0)),
+        ("hysteresis", 0, (0.02, 0.75), 1.0, (0.3, 0.0, 0.2, 0.1, 0.0)),
+        ("hysteresis", -1, (0.4, 0.0), 0.0, (0.3,)),
+        ("joint_spring", 1, (1.0,), 0.0, (1.2, 0.7, -0.3, 0.4)),
+    ],
+)
+def test_a_fitted_law_is_written_whole(model, name, place, shape, detail, beta):
+    """All elements of a hysteresis, of angle or of tension, and the constant that no spring's law has."""
     problem = make_problem(model, [run(model, 5)])
-    place = CATALOGUE["hysteresis"].places(model)[0]
-    candidate = Candidate(CATALOGUE["hysteresis"], place, (0.02, 0.0), 1.0)
-    beta = np.array([0.3, 0.0, 0.2, 0.1, 0.0])
-    effects = tuple(_records(candidate, {}, beta))
-    assert len(effects) == 3
+    candidate = Candidate(CATALOGUE[name], CATALOGUE[name].places(model)[place], shape, detail)
+    beta = np.array(beta)
+    effects = tuple(_records(model, candidate, parameters(candidate, beta, np.eye(len(beta))), beta))
+    assert len(effects) == np.count_nonzero(beta) if name == "hysteresis" else len(effects) > 1
+    assert candidate.remembers_tension == (place == -1)
     motion = problem.motions[0]
     along = candidate.columns(motion).along
     assert along is not None

@@ -1,13 +1,18 @@
 """What keeps a diagnosis from claiming too much: bursts of noise, coarse encoders, recordings that it has not seen."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from trials import loaded_trial
 
+from cdm_pin import diagnose as diagnosis
+from cdm_pin import explain
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.diagnose import diagnose
 from cdm_pin.effects import CATALOGUE, Candidate, at_known_place, guide_places, joint_places, pair_places
 from cdm_pin.explain import is_plausible
+from cdm_pin.findings import with_law_errors
 from cdm_pin.model import load_model
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording
@@ -136,3 +141,50 @@ def test_static_friction_of_many_times_the_sliding_one_is_no_law():
     candidate = Candidate(CATALOGUE["stribeck_friction"], place, (0.01, 0.1))
     for peak, fits in ((0.5, True), (3.0, True), (9.0, False)):
         assert is_plausible(candidate, Score(1e4, 2, np.array([1.0, peak]), 1.0, 1.0)) == fits
+
+
+def test_no_law_takes_the_place_of_two(monkeypatch):
+    """One that is as good as either of two, and simpler, stands once."""
+    places = joint_places(load_model("urdf/cdm2.yaml"))
+    spring, tilt = (Candidate(CATALOGUE[name], places[1]) for name in ("joint_spring", "encoder_offset"))
+    simple = Candidate(CATALOGUE["viscous_friction"], places[1])
+    search = SimpleNamespace(
+        settings=Settings(), size=lambda c: 1 + (c is not simple), noise=lambda a: None, tuned=lambda a, noise: a
+    )
+    score = Score(100.0, 1, np.ones(1), 1.0, 1.0)
+    found = [explain.Found(c, score, 50.0, -50.0, ((simple, 0.0),)) for c in (spring, tilt)]
+    monkeypatch.setattr(explain, "explained", lambda search, bank, accepted: accepted)
+    assert explain._simplest(SimpleNamespace(search=search, found=found, bank=None)) == [simple, tilt]
+
+
+def test_what_failed_only_beside_another_stays(monkeypatch):
+    """Without the first that is withdrawn the unseen recordings are likeliest; the second then helps."""
+    worth = {"wrong": -5.0, "right": -1.0, "sound": 9.0}
+    search = SimpleNamespace(settings=Settings(), without=lambda fit, j: -worth[fit[j]])
+    helps = {"wrong": lambda left: False, "right": lambda left: "wrong" not in left, "sound": lambda left: True}
+    monkeypatch.setattr(diagnosis, "_helps", lambda judge, e, j: helps[e.fit[j]](e.fit))
+    monkeypatch.setattr(diagnosis, "_reconsidered", lambda judge, e: e)
+    monkeypatch.setattr(diagnosis, "patch", lambda search, bank, effects: None)
+    monkeypatch.setattr(diagnosis, "deviance_unseen", lambda judge, fit: -fit)
+
+    def explanation(names):
+        found = tuple(SimpleNamespace(candidate=name) for name in names)
+        return SimpleNamespace(search=search, found=found, fit=list(names), bank=None)
+
+    monkeypatch.setattr(diagnosis, "_restricted", lambda e, kept: explanation([f.candidate for f in kept]))
+    left = diagnosis._judged(None, explanation(["right", "wrong", "sound"]))
+    assert [f.candidate for f in left.found] == ["right", "sound"]
+
+
+def test_a_narrow_peak_of_static_friction_is_hardly_known():
+    """Where the sign of the velocity is as smooth as the peak is wide, the peak may be any size."""
+    place = joint_places(load_model("urdf/cdm2.yaml"))[0]
+    search = SimpleNamespace(problem=SimpleNamespace(kinematic=False))
+    values = {name: {"value": 1.0, "std": 1e-6} for name in ("coulomb", "stribeck", "stribeck_velocity")}
+    for width, least, most in ((0.001, 0.0019, 0.003), (0.1, 0.9, 1.1)):
+        fit = SimpleNamespace(
+            effects=[Candidate(CATALOGUE["stribeck_friction"], place, (width, 0.1))], beta=[np.ones(2)]
+        )
+        told = with_law_errors(search, fit, 0, np.eye(2), np.arange(2), values)
+        assert least < told["stribeck"]["std"] < most
+        assert told["coulomb"]["std"] < 0.003

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
-from cdm_pin.whitening import fit_whitener, log_likelihood, log_p, quiet_segments
+from cdm_pin.whitening import Lines, fit_whitener, log_likelihood, log_p, quiet_segments
 
 
 def coloured(rng, n, channels=2):
@@ -73,3 +73,10 @@ def test_tails_do_not_underflow():
         assert far == sorted(far, reverse=True)
         assert np.isfinite(far).all()
         assert log_p(2e3, k) == pytest.approx(-1e3, rel=0.02)
+
+
+def test_lines_are_taken_in_any_order():
+    bank = np.random.default_rng(4).normal(size=(5, 2, 8))
+    bank[[1, 4], 0] = 0.0
+    part = Lines.of(bank).part([slice(3, 5), slice(0, 1)])
+    np.testing.assert_array_equal(part.dense(), bank[[3, 4, 0]])
