@@ -54,6 +54,7 @@ _CLAUSES = {
     "cable_friction": "{place} rubs on its guides and loses {coulomb}",
     "capstan_friction": "{place} rubs around its pulleys with a friction coefficient of {mu}, more under more tension",
     "hysteresis": "{place} gives before it slips: hysteresis of {limit}[ behind a stiffness of {stiffness}]",
+    "tension_hysteresis": "{place} holds on to the torque it carried: hysteresis of {limit}, memory in tension",
     "friction_drift": "{place} starts with {extra:%} more friction than it settles to[, with a time constant of "
     "{time_constant}]",
     "joint_spring": "{place} is pulled by a spring of {stiffness}[ towards {rest}]",
@@ -157,7 +158,8 @@ def clause(finding: Content) -> str:
     """Say one finding: what happens, where, how large; without capital and full stop."""
     effect, parameters = str(finding.get("effect")), finding.get("parameters") or {}
     where = place(finding.get("location") or {})
-    text = _fill(_CLAUSES[effect], where, parameters) if effect in _CLAUSES else None
+    template = _CLAUSES.get("tension_hysteresis" if finding.get("memory") == "cable tension" else effect)
+    text = _fill(template, where, parameters) if template else None
     if text is None:
         sizes = ", ".join(f"{name.replace('_', ' ')} {quantity(p)}" for name, p in parameters.items())
         text = f"{where} shows {effect_name(effect)}{f' ({sizes})' if sizes else ''}"
