@@ -192,7 +192,8 @@ def _fault(record: Mapping[str, Any]) -> Fault:
     parameters = {name: float(value) for name, value in record["parameters"].items() if _number(value)}
     form = ""
     if record["effect"] == "hysteresis":
-        form = "maxwell_slip" if parameters.get("form") else "dahl"
+        whole_cable = record["location"]["kind"] == "cable" and "link" not in record["location"]
+        form = "tension" if whole_cable else "maxwell_slip" if parameters.get("form") else "dahl"
     return Fault(record["effect"], dict(record["location"]), parameters, (), form)
 
 
@@ -220,11 +221,11 @@ def _check_carried(model: CableModel, plant: PlantName, faults: list[Fault]) -> 
     """Refuse effects that a plant does not have, naming them all."""
     cannot = set(NOT_APPLIED) | (set(NEEDS_CABLES) if plant == "pinocchio" else set())
     for k, fault in enumerate(faults):
-        if fault.effect in cannot:
+        own = "hysteresis of tension" if fault.form == "tension" else fault.effect
+        if fault.effect in cannot or own != fault.effect:
             other = "; the mujoco plant can" if fault.effect in NEEDS_CABLES else ""
             raise InputError(
-                f"the {plant} plant cannot carry {fault.effect}{other} (it carries all effects but "
-                f"{', '.join(sorted(cannot))})",
+                f"the {plant} plant cannot carry {own}{other} (it carries all effects but {', '.join(sorted(cannot))})",
                 source=model.manipulator.source,
                 place=f"effects[{k + 1}]",
             )

@@ -120,6 +120,7 @@ def test_settings_are_read(files):
     [
         ("mujoco", "backlash", "effects[1]: the mujoco plant cannot carry backlash (it carries all effects but"),
         ("pinocchio", "cable_elasticity", "cannot carry cable_elasticity; the mujoco plant can"),
+        ("mujoco", "hysteresis", "cannot carry hysteresis of tension (it carries"),
     ],
 )
 def test_effects_that_a_plant_lacks_are_named(files, capsys, plant, effect, words):
