@@ -415,10 +415,11 @@ def _sign(motion: Motion, place: Place, shape: Shape) -> Vector:
 
 
 def _transition(motion: Motion, place: Place, shape: Shape, scale: float) -> list[Vector]:
-    return _transitions(_speed(motion, place), scale)
+    return transitions(_speed(motion, place), scale)
 
 
-def _transitions(v: Vector, scale: float) -> list[Vector]:
+def transitions(v: Vector, scale: float) -> list[Vector]:
+    """Give how a sign of velocity may pass through zero beside the smooth one, on a scale of velocity."""
     signs = [np.tanh(v / (f * scale)) for f in (0.35, 0.9, 2.0)]
     return [signs[0] - signs[1], signs[1] - signs[2]]
 
@@ -745,7 +746,7 @@ def _load_bounds(motions: Sequence[Motion], place: Place) -> list[tuple[float, f
 
 def _coupling_transition(motion: Motion, place: Place, shape: Shape, scale: float) -> list[Vector]:
     i, k = place.index
-    return _transitions(motion.v_m[:, i] + shape[1] * motion.v[:, k], scale)
+    return transitions(motion.v_m[:, i] + shape[1] * motion.v[:, k], scale)
 
 
 def _coupling(motion: Motion, place: Place, shape: Shape) -> Columns:

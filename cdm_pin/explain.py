@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .effects import CATALOGUE, Candidate, at_known_place, twin_places
+from .effects import CATALOGUE, Candidate, at_known_place, transitions, twin_places
 from .events import Reporter
 from .everywhere import kinds_first, needed, rubs_everywhere
 from .geometry import Vector
@@ -121,7 +121,7 @@ def explain(
     left = unnamed(search, search.renewed(bank), kept) if len(kept) < len(accepted) else None
     search, accepted = settled(search, kept if left is None else [*kept, left])  # two may have hidden each other
     search, accepted = _unpatched(search, bank, accepted)
-    explanation = _simplest(explained(search, search.renewed(bank), accepted))
+    explanation = _peaked(_simplest(explained(search, search.renewed(bank), accepted)))
     say.looked(explanation.fit)
     return explanation
 
@@ -195,6 +195,39 @@ def _simplest(explanation: Explanation) -> Explanation:
         accepted[j] = min(
             alike, key=lambda c, rubs=rubs: (search.size(c), rubs and c.effect.name != "coulomb_friction")
         )
+    if accepted == [f.candidate for f in explanation.found]:
+        return explanation
+    return explained(search, explanation.bank, search.tuned(accepted, search.noise(accepted)))
+
+
+def overshoot(candidate: Candidate, beta: Vector) -> float:
+    """Say by what share dry friction near standstill exceeds that of sliding, through what its law leaves open."""
+    v = np.linspace(0.0, 4.0 * candidate.detail, 200)
+    law = beta[0] * np.tanh(v / candidate.shape[0]) + beta[1:] @ np.array(transitions(v, candidate.detail))
+    return float(law.max() / max(beta[0], 1e-300)) - 1.0
+
+
+def _peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
+    """Let friction be Stribeck's where what dry friction leaves open about its sign rises far above it.
+
+    A sign that is blurred or smooth does not; the peak has to explain as much in its place.
+    """
+    search, law = explanation.search, CATALOGUE["stribeck_friction"]
+    accepted = [f.candidate for f in explanation.found]
+    places = [place.location for place in law.places(search.problem.model)]
+    for j, (candidate, found) in enumerate(zip(accepted, explanation.found, strict=True)):
+        dry = candidate.effect.name == "coulomb_friction" and candidate.detail and candidate.place.location in places
+        if not dry or overshoot(candidate, explanation.fit.beta[j]) < most:
+            continue
+        without, grid = search.without(explanation.fit, j), law.grid(search.problem.motions, candidate.place)
+        trials = [Candidate(law, candidate.place, (candidate.shape[0], *shape[1:])) for shape in grid]
+        own = [search.refine(without, trial, 3) for trial in trials]
+        best = max(
+            (t for t in own if is_plausible(*t)), key=lambda t, without=without: gain(search, without, *t), default=None
+        )
+        slack = max(search.settings.close, 0.5 * search.settings.law_error**2 * found.score.statistic)
+        if best is not None and gain(search, without, *best) > found.gain - slack:
+            accepted[j] = best[0]
     if accepted == [f.candidate for f in explanation.found]:
         return explanation
     return explained(search, explanation.bank, search.tuned(accepted, search.noise(accepted)))

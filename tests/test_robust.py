@@ -188,3 +188,14 @@ def test_a_narrow_peak_of_static_friction_is_hardly_known():
         told = with_law_errors(search, fit, 0, np.eye(2), np.arange(2), values)
         assert least < told["stribeck"]["std"] < most
         assert told["coulomb"]["std"] < 0.003
+
+
+@pytest.mark.parametrize("effect, seed", [("stribeck_friction", 8404), ("coulomb_friction", 8402)])
+def test_a_blurred_sign_does_not_rise_above_its_friction(tmp_path, effect, seed):
+    """A peak that dry friction's free sign could take up is Stribeck's, with its size; dry friction has none."""
+    model, runs, unseen, truth = loaded_trial(tmp_path, seed, effects=[effect])
+    (finding,) = diagnose(model, runs, unseen).content["findings"]
+    assert finding["effect"] == effect
+    if effect == "stribeck_friction":
+        own, true = finding["parameters"], truth["effects"][0]["parameters"]
+        assert all(own[name]["value"] == pytest.approx(true[name], rel=0.05) for name in true)
