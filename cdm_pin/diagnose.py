@@ -514,7 +514,6 @@ def _records(
 
     A stiffening spring was fitted as a polynomial: the constant that its law does not have is one of the motors.
     """
-    place = candidate.location
     if candidate.effect.name == "hysteresis" and candidate.detail:
         out = []
         for limit, share, form in zip(beta, (1.0, *STOPS), (candidate.shape[1], *[0.5] * len(STOPS)), strict=False):
@@ -522,12 +521,12 @@ def _records(
             own = {"stiffness": limit / distance, "limit": limit, "form": form}
             if limit > 0:
                 own = {name: round(float(x), 10) for name, x in own.items()}
-                out.append({"effect": "hysteresis", "location": place, "parameters": own})
+                out.append({"effect": "hysteresis", "location": candidate.location, "parameters": own})
         return out
     parameters = {name: round(float(v["value"]), 10) for name, v in values.items()}
     if candidate.effect.nuisance_shape:
         parameters["width"] = round(float(candidate.shape[0]), 10)
-    own = {"effect": candidate.effect.name, "location": place, "parameters": parameters}
+    own = {"effect": candidate.effect.name, "location": candidate.location, "parameters": parameters}
     if "cubic" not in parameters:
         return [own]
     constant = beta[1] - candidate.effect.coefficients(parameters)[0][1]

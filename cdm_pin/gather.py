@@ -92,11 +92,14 @@ def _law(search: Search, explanation: Explanation, found: Found) -> LawCurve | N
     by_position = any(word in candidate.effect.name for word in ("spring", "position", "ripple", "hysteresis"))
     motion = run.motion
     x = candidate.place.along(motion.q, motion.q_m) if by_position else candidate.place.along(motion.v, motion.v_m)
+    label = "position [rad]" if by_position else "speed [rad/s]"
+    if candidate.remembers_tension:
+        x, label = motion.clear_torque[:, candidate.place.index[0]], "torque of the cable [N m]"
     start, stop = search.problem.segments[0][0]
     keep = slice(start, stop)
     return LawCurve(
         x=x[::step][:n][keep],
-        x_label="position [rad]" if by_position else "speed [rad/s]",
+        x_label=label,
         y_points=(share @ rest)[keep],
         y_fit=(share @ law)[keep],
         loop=candidate.effect.name == "hysteresis",

@@ -90,6 +90,8 @@ def _regions(candidate: Candidate, motion: Motion, step: int, n: int) -> Iterabl
 def _coordinate(candidate: Candidate, motion: Motion) -> tuple[Vector, Vector, str] | None:
     """Give position, velocity and name of what an effect acts along, or of the joint or motor it is said of."""
     place = candidate.place
+    if candidate.remembers_tension:
+        return None
     if any(place.A) or any(place.B):
         location = candidate.location
         words = f"{location['kind']} {location['index']}" if "index" in location else "the contact"
