@@ -23,7 +23,8 @@ def elastic():
     )
     model = build_model(with_effects(arm.manipulator, effects))
     motion = make_motion(model)
-    stretch = np.column_stack([np.zeros(motion.n), motion.cable_torque[:, 1] / 150.0])
+    rubs = 0.4 * motion.v[:, 1] * model.joint_from_motor[1, 1] / model.arm_scale[1]  # the cable drags the joint along
+    stretch = np.column_stack([np.zeros(motion.n), (motion.cable_torque[:, 1] + rubs) / 150.0])
     tau_m = motor_torques(model, motion.q, motion.v, motion.a) + added_torque(motion)
     channels = {"motor_position": motion.q_m + stretch / motion.model.arm_scale, "motor_torque": tau_m}
     return model, motion, Recording(motion.time, channels)
