@@ -388,10 +388,7 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
         stated = {j: v for j, v in stated.items() if not fi.is_outdone(found[j]) and found[j].agreement >= AGREEMENT}
     if patches:
         unexplained = at_corrections(explanation, patches)
-        far = (
-            judge is not None and not explanation.everywhere and _plain(judge, fit)[0] > FAR * judge.problem.n_channels
-        )
-        if judge is not None and far:
+        if judge is not None and not explanation.everywhere and _plain(judge, fit)[0] > FAR * judge.problem.n_channels:
             stated = {j: v for j, v in stated.items() if _carries(judge, explanation, j)}
     else:
         unexplained, excess = beyond_floor(search, judge, explanation)

@@ -7,7 +7,7 @@ To add an effect, add one `Effect` to `CATALOGUE`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -134,6 +134,8 @@ class Effect:
         Motion, place, coefficients -> the motion about which first-order columns become exact for these coefficients.
     carried : bool
         Whether the drive carries the effect's torque; what the logger adds it does not.
+    errors : callable
+        Place, shape -> further shares of themselves that parameters may be wrong by, besides `Parameter.error`.
     error : float
         Share of itself that the law may be wrong by; what else is found at the same time has to be larger. How a sign
         of velocity passes through zero is counted apart (`Candidate.doubts`).
@@ -160,6 +162,7 @@ class Effect:
     weighs: bool = False
     moves: Callable[[Motion, Place, Vector], Motion] | None = None
     carried: bool = True
+    errors: Callable[[Place, Shape], dict[str, float]] = lambda place, shape: {}
     error: float = 0.01
     detail: Callable[[Motion, Place, Shape, float], list[Vector]] | None = None
     confounded: tuple[str, ...] = ()
@@ -307,9 +310,9 @@ def tension_places(model: CableModel) -> list[Place]:
     ]
 
 
-def remembers_tension(effect: Effect, place: Place) -> bool:
-    """Whether the memory of a hysteresis is in a cable's torque, not in an angle."""
-    return effect.name == "hysteresis" and place.location["kind"] == "cable" and "link" not in place.location
+def is_whole_cable(location: Mapping[str, Any]) -> bool:
+    """Whether a place is a cable pair as a whole, not where it passes a link; a hysteresis there is one of tension."""
+    return location["kind"] == "cable" and "link" not in location
 
 
 def base_places(model: CableModel) -> list[Place]:
@@ -429,13 +432,13 @@ STOPS = (0.3, 0.8, 2.0, 5.0)
 
 
 def _stops(motion: Motion, place: Place, shape: Shape, scale: float) -> list[Vector]:
-    x = _remembered(motion, place)
+    x = remembered(motion, place)
     return [maxwell(x, f * scale * shape[0], 1.0) for f in STOPS]
 
 
-def _remembered(motion: Motion, place: Place) -> Vector:
+def remembered(motion: Motion, place: Place) -> Vector:
     """Give what a hysteresis remembers: the position of its coordinate [rad], or the torque of its cable [N m]."""
-    if remembers_tension(CATALOGUE["hysteresis"], place):
+    if is_whole_cable(place.location):
         return motion.clear_torque[:, place.index[0]]
     return _position(motion, place)
 
@@ -541,7 +544,7 @@ def maxwell(x: Vector, distance: float, spread: float) -> Vector:
 
 
 def _hysteresis(motion: Motion, place: Place, shape: Shape) -> Columns:
-    x = _remembered(motion, place)
+    x = remembered(motion, place)
     z = dahl(x, shape[0]) if shape[1] < 0.5 else maxwell(x, shape[0], 1.0 + 4.0 * (shape[1] - 0.5))
     return _rub(motion, place, z)
 
@@ -579,7 +582,7 @@ def at_known_place(candidate: Candidate, model: CableModel, alike: float = 0.999
 
 
 def _hysteresis_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
-    if remembers_tension(CATALOGUE["hysteresis"], place):
+    if is_whole_cable(place.location):
         return [(f * (_greatest_load(motions, place) or 1.0), 0.0) for f in (0.1, 0.4)]
     r = reach(motions, place)
     if place.is_pair:
@@ -588,7 +591,7 @@ def _hysteresis_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
 
 
 def _hysteresis_bounds(motions: Sequence[Motion], place: Place) -> list[tuple[float, float]]:
-    if remembers_tension(CATALOGUE["hysteresis"], place):
+    if is_whole_cable(place.location):
         most = _greatest_load(motions, place) or 1.0
         return [(0.03 * most, 3.0 * most), (0.0, 1.0)]
     r = reach(motions, place)
@@ -921,6 +924,17 @@ def _asymmetric_inverse(p: dict[str, float]) -> tuple[list[float], list[float]]:
     return [0.5 * (forwards + backwards), 0.5 * (forwards - backwards)], []
 
 
+def _peak_errors(place: Place, shape: Shape) -> dict[str, float]:
+    """Take a peak that is as narrow as the velocity's sign is smooth for no more than known to be there."""
+    width, velocity = shape
+    return {"stribeck": (width / velocity) ** 2, "stribeck_velocity": 0.2 * (width / velocity) ** 2}
+
+
+def _memory_errors(place: Place, shape: Shape) -> dict[str, float]:
+    """Take a torque for less well known than an angle."""
+    return {"limit": 0.022} if is_whole_cable(place.location) else {}
+
+
 def _stribeck_physical(beta: Vector, shape: Shape) -> dict[str, float]:
     return {"coulomb": float(beta[0]), "stribeck": float(beta[1]), "stribeck_velocity": shape[1]}
 
@@ -1051,6 +1065,7 @@ CATALOGUE: dict[str, Effect] = {
             confounded=("hysteresis", "quadratic_drag"),
             revealed_by="slow reversals",
             inverse=lambda p: ([p["coulomb"], p["stribeck"]], [p["stribeck_velocity"]]),
+            errors=_peak_errors,
             reference=_FRICTION,
             nuisance_shape=1,
             detail=_transition,
@@ -1183,6 +1198,7 @@ CATALOGUE: dict[str, Effect] = {
             confounded=("coulomb_friction", "backlash", "stribeck_friction"),
             revealed_by="small nested reversals",
             inverse=lambda p: ([p["limit"]], [p["limit"] / p["stiffness"], p.get("form", 0.0)]),
+            errors=_memory_errors,
             reference="Dahl 1968; Maxwell-slip: Lampaert, Swevers, Al-Bender 2002",
             detail=_stops,
             error=0.1,
@@ -1493,7 +1509,7 @@ class Candidate:
     @property
     def remembers_tension(self) -> bool:
         """Whether it is a hysteresis whose memory is in a cable's torque, not in an angle."""
-        return remembers_tension(self.effect, self.place)
+        return self.effect.name == "hysteresis" and is_whole_cable(self.place.location)
 
     @cached_property
     def _here(self) -> tuple[Place, Shape]:

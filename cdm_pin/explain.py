@@ -183,7 +183,7 @@ def _simplest(explanation: Explanation) -> Explanation:
     """Let the simplest of the laws stand that the data cannot tell apart, at a place above all; dry friction first."""
     search, accepted = explanation.search, [f.candidate for f in explanation.found]
     for j, found in enumerate(explanation.found):
-        slack = max(search.settings.close, 0.5 * search.settings.law_error**2 * found.score.statistic)
+        slack = search.settings.within(found.score.statistic)
         alike = [found.candidate]
         for rival, difference in found.rivals:
             here = rival.place.location == found.candidate.place.location
@@ -195,9 +195,7 @@ def _simplest(explanation: Explanation) -> Explanation:
         accepted[j] = min(
             alike, key=lambda c, rubs=rubs: (search.size(c), rubs and c.effect.name != "coulomb_friction")
         )
-    if accepted == [f.candidate for f in explanation.found]:
-        return explanation
-    return explained(search, explanation.bank, search.tuned(accepted, search.noise(accepted)))
+    return _with(explanation, accepted)
 
 
 def overshoot(candidate: Candidate, beta: Vector) -> float:
@@ -225,12 +223,18 @@ def _peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
         best = max(
             (t for t in own if is_plausible(*t)), key=lambda t, without=without: gain(search, without, *t), default=None
         )
-        slack = max(search.settings.close, 0.5 * search.settings.law_error**2 * found.score.statistic)
+        slack = search.settings.within(found.score.statistic)
         if best is not None and gain(search, without, *best) > found.gain - slack:
             accepted[j] = best[0]
-    if accepted == [f.candidate for f in explanation.found]:
+    return _with(explanation, accepted)
+
+
+def _with(explanation: Explanation, effects: list[Candidate]) -> Explanation:
+    """Give the explanation by these effects, their shapes estimated together; itself if they are its own."""
+    if effects == [f.candidate for f in explanation.found]:
         return explanation
-    return explained(search, explanation.bank, search.tuned(accepted, search.noise(accepted)))
+    search = explanation.search
+    return explained(search, explanation.bank, search.tuned(effects, search.noise(effects)))
 
 
 def _everything(search: Search, bank: Bank, say: Reporter) -> Explanation:

@@ -81,8 +81,7 @@ def with_law_errors(
 ) -> dict[str, dict[str, Any]]:
     """Add to the standard errors of effect `j` by how much parameters may be wrong because their laws are.
 
-    Clocks, derivatives and filters leave no parameter better known than a share of itself. A peak of static friction
-    that is as narrow as the sign of the velocity is smooth is no more than known to be there.
+    Clocks, derivatives and filters leave no parameter better known than a share of itself.
 
     Parameters
     ----------
@@ -101,15 +100,11 @@ def with_law_errors(
         whole = covariance + stiffening(search, fit, j, covariance)
         values = parameters(candidate, fit.beta[j], whole[np.ix_(index, index)])
     seen = search.problem.kinematic
-    shares = {p.name: max(p.error if seen else p.error_unseen, LEAST) for p in candidate.effect.parameters}
-    if candidate.effect.name == "stribeck_friction":
-        width, velocity = candidate.shape
-        shares |= {
-            "stribeck": LEAST + (width / velocity) ** 2,
-            "stribeck_velocity": LEAST + 0.2 * (width / velocity) ** 2,
-        }
-    if candidate.remembers_tension:
-        shares["limit"] = 0.03  # a torque that is known less well than an angle
+    more = candidate.effect.errors(candidate.place, candidate.shape)
+    shares = {
+        p.name: max(p.error if seen else p.error_unseen, LEAST) + more.get(p.name, 0.0)
+        for p in candidate.effect.parameters
+    }
     shares |= dict.fromkeys(("phase", "start", "end"), 0.0)  # these count from an origin of no meaning
     return {
         name: v | {"std": float(np.hypot(v["std"], shares.get(name, 0.0) * v["value"]))} for name, v in values.items()
@@ -239,7 +234,7 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
         if len(out) < 3 and entry not in out:
             out.append(entry)
 
-    close = max(settings.close, 0.5 * settings.law_error**2 * found.score.statistic)
+    close = settings.within(found.score.statistic)
     rubs = found.candidate.effect.name == "coulomb_friction"
     alike: list[tuple[bool, Candidate]] = []
     for rival, difference in _leaning(search, without, found):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .diagnose import Diagnosis
+from .effects import remembered
 from .explain import Explanation, Found
 from .replay import Replay
 from .report_evidence import Evidence, LawCurve, Rival, RunEvidence, SimulatedMotion
@@ -94,7 +95,7 @@ def _law(search: Search, explanation: Explanation, found: Found) -> LawCurve | N
     x = candidate.place.along(motion.q, motion.q_m) if by_position else candidate.place.along(motion.v, motion.v_m)
     label = "position [rad]" if by_position else "speed [rad/s]"
     if candidate.remembers_tension:
-        x, label = motion.clear_torque[:, candidate.place.index[0]], "torque of the cable [N m]"
+        x, label = remembered(motion, candidate.place), "torque of the cable [N m]"
     start, stop = search.problem.segments[0][0]
     keep = slice(start, stop)
     return LawCurve(

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from .band import Band, make_band
+from .completed import added
 from .effects import Candidate, Columns, loaded
 from .geometry import Vector
 from .inertia_band import LOWEST, SLOWEST, inertia_cutoff
@@ -345,8 +346,6 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
     channels = [measured_torques(model, signals.logged)] if torque else []
     stated = np.zeros_like(travel)
     if model.manipulator.effects:
-        from .completed import added
-
         push, stated = added(motion)
         channels = [torques - push for torques in channels]
     run = Run(signals, motion, np.concatenate([*channels, np.zeros((motion.n, 0))], axis=1).T)

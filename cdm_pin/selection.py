@@ -69,6 +69,10 @@ class Settings:
     most: int = 6
     at_once: int = 2
 
+    def within(self, statistic: float) -> float:
+        """Say by how much log-likelihood a rival may be worse to stand beside an effect of this statistic."""
+        return max(self.close, 0.5 * self.law_error**2 * statistic)
+
 
 @dataclass(frozen=True)
 class Bank:

@@ -23,6 +23,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from .dynamics import mass_matrix, motor_torques
+from .effects import is_whole_cable
 from .errors import InputError, RecordingError
 from .files import check_keys, read_yaml
 from .geometry import Vector
@@ -192,8 +193,8 @@ def _fault(record: Mapping[str, Any]) -> Fault:
     parameters = {name: float(value) for name, value in record["parameters"].items() if _number(value)}
     form = ""
     if record["effect"] == "hysteresis":
-        whole_cable = record["location"]["kind"] == "cable" and "link" not in record["location"]
-        form = "tension" if whole_cable else "maxwell_slip" if parameters.get("form") else "dahl"
+        whole = is_whole_cable(record["location"])
+        form = "tension" if whole else "maxwell_slip" if parameters.get("form") else "dahl"
     return Fault(record["effect"], dict(record["location"]), parameters, (), form)
 
 
