@@ -131,7 +131,7 @@ class Effect:
     weighs : bool
         Whether the columns depend on the robot's inertial parameters.
     moves : callable, optional
-        Motion, place, coefficients -> the motion about which first-order columns become exact for these coefficients.
+        Motion, place, coefficients, shape -> the motion about which first-order columns become exact for these coefficients.
     carried : bool
         Whether the drive carries the effect's torque; what the logger adds it does not.
     errors : callable
@@ -160,7 +160,7 @@ class Effect:
     exact_travel: bool = False
     follows: bool = False
     weighs: bool = False
-    moves: Callable[[Motion, Place, Vector], Motion] | None = None
+    moves: Callable[[Motion, Place, Vector, Shape], Motion] | None = None
     carried: bool = True
     errors: Callable[[Place, Shape], dict[str, float]] = lambda place, shape: {}
     error: float = 0.01
@@ -667,7 +667,7 @@ LARGE_SLOPE = 0.4
 def _wrong_map(travel: Callable[[Vector, Vector], tuple[Vector, Vector]]):
     """Give what a known error of the cable map does to a motion, from its travel and slope at a joint's angles."""
 
-    def moves(motion: Motion, place: Place, beta: Vector) -> Motion:
+    def moves(motion: Motion, place: Place, beta: Vector, shape: Shape) -> Motion:
         i, k = place.index
         E, scale = motion.model.joint_from_motor, motion.model.arm_scale
         known = np.zeros_like(motion.q) if motion.shift is None else motion.shift
@@ -714,7 +714,25 @@ def _compliant(motion: Motion, i: int, slack: float = np.inf) -> Columns:
 
 def _backlash(motion: Motion, place: Place, shape: Shape) -> Columns:
     i = place.index[0]
-    return _moved(motion, np.tanh(motion.cable_torque[:, i] / shape[0]), i, None)
+    if motion.felt is None:
+        return _moved(motion, np.tanh(motion.cable_torque[:, i] / shape[0]), i, None)
+    along = -motion.model.joint_from_motor[:, i] / motion.model.arm_scale[i]
+    side = motion.felt_side(i, shape[0])
+    d, *rates = (x[:, None] * along for x in side)
+    felt = motion.midway.torque_change(d, tuple(rates))
+    rotor = np.eye(motion.model.n_motors)[i] * motion.model.rotor_inertia[i] / motion.model.arm_scale[i]
+    parts = [felt, np.outer(side[2], -rotor)] if rotor.any() else [felt]  # a motor that leaps may ask for less torque
+    return Columns(np.stack(parts, axis=-1))
+
+
+def _played(motion: Motion, place: Place, beta: Vector, shape: Shape) -> Motion:
+    """Move the joints by a known play to where they are, where the motors alone say so."""
+    if motion.felt is None:
+        return motion
+    i = place.index[0]
+    along = -motion.model.joint_from_motor[:, i] / motion.model.arm_scale[i]
+    own = beta[0] * motion.felt_side(i, shape[0])[0][:, None] * along
+    return replace(motion, shift=own if motion.shift is None else motion.shift + own)
 
 
 def _crossing_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
@@ -724,7 +742,7 @@ def _crossing_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
 
 def _crossing_bounds(motions: Sequence[Motion], place: Place) -> list[tuple[float, float]]:
     most = _greatest_load(motions, place) or 1.0
-    return [(0.001 * most, 0.03 * most)]
+    return [(0.001 * most, 0.1 * most)]
 
 
 def _slack(motion: Motion, place: Place, shape: Shape) -> Columns:
@@ -855,13 +873,13 @@ def _tilt(motion: Motion, place: Place, shape: Shape) -> Columns:
     return Columns(np.stack(columns, axis=-1))
 
 
-def _displaced(motion: Motion, place: Place, beta: Vector) -> Motion:
+def _displaced(motion: Motion, place: Place, beta: Vector, shape: Shape) -> Motion:
     """Add an encoder's offset to those that are known."""
     offset = np.zeros(motion.q.shape[1]) if motion.offset is None else motion.offset
     return replace(motion, offset=offset + beta[0] * np.eye(len(offset))[place.index[0]])
 
 
-def _tilted(motion: Motion, place: Place, beta: Vector) -> Motion:
+def _tilted(motion: Motion, place: Place, beta: Vector, shape: Shape) -> Motion:
     return replace(motion, tilt=tuple(map(float, beta)))
 
 
@@ -1253,14 +1271,15 @@ CATALOGUE: dict[str, Effect] = {
         ),
         Effect(
             "backlash",
-            (Parameter("half_gap", _RAD, 0.0, error=0.002, error_unseen=0.03),),
+            (Parameter("half_gap", _RAD, 0.0, error=0.002, error_unseen=0.15),),
             cable_places,
             _backlash,
             _named("half_gap"),
             _crossing_grid,
             _crossing_bounds,
-            (1,),
+            (1, 0),
             exact=False,
+            moves=_played,
             error=0.06,
             follows=True,
             confounded=("hysteresis", "cable_slack", "encoder_offset"),
@@ -1583,7 +1602,7 @@ def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motio
     joint, motor = np.zeros_like(motion.q), np.zeros_like(motion.q_m)
     moving = [(c.effect.moves, c, beta) for c, beta in effects if c.effect.moves is not None]
     for moves, candidate, beta in sorted(moving, key=lambda item: item[1].effect.follows):
-        motion = moves(motion, candidate.place, beta)
+        motion = moves(motion, candidate.place, beta, candidate.shape)
     driven = [] if motion.shift is None else [motion.midway.torque_change(motion.shift)]
     for _, candidate, beta in moving:
         if candidate.effect.follows:

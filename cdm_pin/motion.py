@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numba
 import numpy as np
 from scipy.fft import dst, idst
 from scipy.ndimage import uniform_filter1d
@@ -16,8 +17,120 @@ from .model import CableModel
 
 MUCH = 2e7
 """Numbers that derivatives by all coordinates may take."""
+SLOW_ROTORS = 4.0
+"""Up to which frequency rotors' accelerations are taken from torques that tell where the joints are [Hz]."""
+FELT = 5.0
+"""Up to which frequency torques tell on which side of its play a cable is [Hz]."""
 CLEAR = 10.0
 """Power over that of the positions' noise from which a torque is known at a frequency."""
+
+
+@dataclass(frozen=True)
+class Felt:
+    """What motors tell of joints that have no encoders.
+
+    Attributes
+    ----------
+    torque, position : ndarray, shape (n, n_motors)
+        As logged, on the uniform grid [N m], [rad].
+    cutoffs : tuple of float
+        Of the filters that gave positions and velocities, and accelerations [Hz].
+    """
+
+    torque: Vector
+    position: Vector
+    cutoffs: tuple[float, float]
+
+
+def leaping(torque: Vector, position: Vector, width: float, rate: float, near: float = 0.1) -> Vector:
+    """Give on which side of its play a cable lies, tanh(torque / width), in time with how its motor's position leaps.
+
+    The torque may be wrong by what it does not know of rotors and friction, and so be early or late. At every change of
+    its sign the position tells by how much: that at which the side, beside a cubic polynomial, explains it best.
+
+    Parameters
+    ----------
+    torque, position : ndarray, shape (n,)
+        [N m], [rad].
+    width : float
+        [N m].
+    rate : float
+        [Hz].
+    near : float
+        How early or late it may be [s].
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    reach = max(int(near * rate), 2)
+    crossings = np.flatnonzero(np.diff(np.sign(torque)))
+    crossings = crossings[(crossings >= 3 * reach) & (crossings < len(torque) - 3 * reach)]
+    shifts, fall = _shifts(np.tanh(torque / width), position, crossings, reach)
+    sure = fall > 0.8
+    if not sure.any():
+        return np.tanh(torque / width)
+    t = np.arange(len(torque), dtype=float)
+    side = np.tanh(np.interp(t - np.interp(t, crossings[sure], shifts[sure]), t, torque) / width)
+    return _leapt(side, position, np.round(crossings[sure] + shifts[sure]).astype(int))
+
+
+def _leapt(side: Vector, position: Vector, crossings: np.ndarray, flank: int = 10, most: int = 16) -> Vector:
+    """Give the side while it changes as the position says: how far it is between cubic polynomials a step apart."""
+    out, between = side.copy(), np.abs(side) < 0.99
+    for k in crossings:
+        low, high = k, k + 1
+        while k - low < most and between[low - 1]:
+            low -= 1
+        while high - k < most and between[high]:
+            high += 1
+        low, high = low - 2, high + 2
+        part = np.arange(low - flank, high + flank)
+        if k - low >= most or high - k >= most or part[0] < 0 or part[-1] >= len(side):
+            continue
+        t = (part - k) / flank
+        X = np.stack([t**0, t, t**2, t**3, np.sign(side[part])], axis=1)
+        known = (part < low) | (part >= high)
+        if not np.all(np.sign(side[part[:flank]]) == -np.sign(side[part[-1]])):
+            continue
+        beta = np.linalg.lstsq(X[known], position[part[known]], rcond=None)[0]
+        if beta[4] > 0.0:
+            out[low:high] = np.clip((position[part] - X[:, :4] @ beta[:4]) / beta[4], -1.5, 1.5)[~known]
+    return out
+
+
+@numba.njit(cache=True)
+def _shifts(side, position, crossings, reach):
+    """Find by how many samples each change of side has to move, and which share of what a cubic leaves it explains."""
+    half = 2 * reach
+    basis = np.empty((4, 2 * half + 1))
+    for d in range(4):
+        for k in range(2 * half + 1):
+            basis[d, k] = ((k - half) / half) ** d
+        for e in range(d):
+            basis[d] -= (basis[e] @ basis[d]) * basis[e]
+        basis[d] /= np.sqrt(basis[d] @ basis[d])
+    shifts, share = np.zeros(len(crossings)), np.zeros(len(crossings))
+    for m in range(len(crossings)):
+        k = crossings[m]
+        x = position[k - half : k + half + 1].copy()
+        for d in range(4):
+            x -= (basis[d] @ x) * basis[d]
+        whole, found = max(x @ x, 1e-300), np.zeros(2 * reach + 1)
+        for j in range(-reach, reach + 1):
+            y = side[k - half - j : k + half + 1 - j].copy()
+            for d in range(4):
+                y -= (basis[d] @ y) * basis[d]
+            own, along = y @ y, x @ y
+            if own > 1e-12 and along > 0.0:
+                found[j + reach] = along**2 / own / whole
+        best = np.argmax(found)
+        shifts[m], share[m] = best - reach, found[best]
+        if 0 < best < 2 * reach:
+            bend = 2.0 * found[best] - found[best - 1] - found[best + 1]
+            if bend > 0.0:
+                shifts[m] += 0.5 * (found[best + 1] - found[best - 1]) / bend
+    return shifts, share
 
 
 @dataclass(frozen=True)
@@ -57,6 +170,8 @@ class Motion:
         How far known errors of the cable map move the joints from where the motors say they are [rad].
     map_errors : tuple of (int, int, ndarray, shape (n,))
         Known errors of the cable map: cable, joint, and how much more the cable runs per angle of that joint.
+    felt : Felt, optional
+        What the motors alone tell of where the joints are, where no encoder does.
     """
 
     model: CableModel
@@ -80,6 +195,7 @@ class Motion:
     extra_driven: Vector | None = None
     shift: Vector | None = None
     map_errors: tuple[tuple[int, int, Vector], ...] = ()
+    felt: Felt | None = None
 
     @property
     def n(self) -> int:
@@ -130,6 +246,33 @@ class Motion:
                 changed -= (torque[:, i] * slope)[:, None] * self.model.joint_from_motor[k]
             torque = changed / self.model.arm_scale
         return torque
+
+    def felt_side(self, i: int, width: float) -> tuple[Vector, Vector, Vector]:
+        """Give on which side of its play cable i lies, -1 to 1, and the rates, by torque and positions of the motors.
+
+        The torque's sign says the side and roughly when it changes; at which sample, the leap of the motor's position.
+
+        Parameters
+        ----------
+        i : int
+        width : float
+            Torque at the joint within which the play is crossed [N m].
+
+        Returns
+        -------
+        tuple of ndarray, shape (n,)
+            Filtered as the positions were.
+        """
+        from .signals_filters import differentiate, lowpass
+
+        assert self.felt is not None
+        torque = lowpass(self.felt.torque[:, i], self.rate, FELT)
+        torque = torque - lowpass(self.a_m[:, i], self.rate, SLOW_ROTORS) * self.model.rotor_inertia[i]
+        if self.extra_motor is not None:
+            torque = torque - self.extra_motor[:, i]
+        side = leaping(torque / self.model.arm_scale[i], self.felt.position[:, i], width, self.rate)
+        x, slow = (lowpass(side, self.rate, cutoff) for cutoff in self.felt.cutoffs)
+        return x, differentiate(x, self.rate), differentiate(differentiate(slow, self.rate), self.rate)
 
     @cached_property
     def joint_angles(self) -> Vector:

@@ -15,7 +15,7 @@ from .geometry import Vector
 from .inertia_band import LOWEST, SLOWEST, inertia_cutoff
 from .measured import both_positions, measured_torques
 from .model import CableModel
-from .motion import Motion
+from .motion import Felt, Motion
 from .recording import Recording
 from .regressor import motor_regressor
 from .sensor_noise import SensorNoise, inertia_limit, inertia_noise, motion_limit, position_noise, travel_noise
@@ -343,6 +343,9 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
         index=index,
         inertia_noise=inertia_noise(model, signals) if torque else None,
     )
+    if torque and "joint_position" not in signals.logged:
+        felt = Felt(measured_torques(model, signals.logged), q_m_raw, (sharp, min(light, band.slow)))
+        motion = replace(motion, felt=felt)
     channels = [measured_torques(model, signals.logged)] if torque else []
     stated = np.zeros_like(travel)
     if model.manipulator.effects:
