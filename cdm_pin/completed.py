@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .effects import CATALOGUE, Candidate, Effect, Place, all_motor_places, loaded, rub_places
+from .effects import CATALOGUE, Candidate, Effect, Place, all_motor_places, loaded, rub_places, torque_of
 from .errors import ManipulatorError, nearest
 from .geometry import Vector
 from .model import CableModel
@@ -107,7 +107,8 @@ def added_torque(motion: Motion) -> Vector:
 def added(motion: Motion) -> tuple[Vector, Vector]:
     """Compute what the effects of the motion's model add to the motors' torques and to the cables' travel.
 
-    Effects that change where the joints stand (elasticity, ratio errors) enter to first order, as in their columns.
+    Effects that change where the joints stand (ratio errors, elasticity) enter to first order, as in their columns; on a
+    soft cable behind measured motors the links swing.
 
     Parameters
     ----------
@@ -122,16 +123,12 @@ def added(motion: Motion) -> tuple[Vector, Vector]:
     """
     torque, travel = np.zeros((2, motion.n, motion.model.n_motors))
     effects = effect_candidates(motion.model)
-    motion = loaded(motion, effects)
+    still, motion = motion, loaded(motion, effects)
+    if motion.swing is not None:
+        torque += motion.tau_m - still.tau_m
     for candidate, beta in effects:
-        columns = candidate.columns(motion)
-        if columns.along is not None:
-            series, w = columns.along
-            k = min(len(beta), len(series))
-            torque += (beta[:k] @ series[:k])[:, None] * w
-        elif columns.torque is not None:
-            k = min(len(beta), columns.torque.shape[2])
-            torque += columns.torque[..., :k] @ beta[:k]
+        columns = candidate.raw_columns(motion)
+        torque += torque_of(columns, beta, torque.shape)
         if columns.kinematic is not None:
             k = min(len(beta), columns.kinematic.shape[2])
             travel += columns.kinematic[..., :k] @ beta[:k]

@@ -21,6 +21,7 @@ from .next_experiment import Experiment, plan_next
 from .problem import Problem, make_problem
 from .recording import Recording
 from .regions import region
+from .soft import softest
 from .replay import Replay, simulated_position
 from .replay_runs import replay_runs
 from .selection import Fit, ProgressCallback, Search, Settings, errors, rms
@@ -34,9 +35,12 @@ from .unexplained import (
     wandering_torque,
 )
 from .unseen import deviance_unseen, stacked, updated
+from .whitening import log_likelihood
 
 BLURRED = 0.15
 """Share of the torque that steps of encoders may make through accelerations."""
+ROUGH = 1.3
+"""Error over that beside smooth functions of the state, from which something is still to be explained."""
 ONCE = ("external_torque", "unnamed_time", "unnamed_wear", "unnamed_stiffening", "unnamed_gain_drift", "unnamed_tone")
 """What happens at a time of its own: another recording cannot judge it."""
 AGREEMENT = 0.3
@@ -130,6 +134,7 @@ def diagnose(
     first = explain(search.with_drift(), progress)
     if first.search.is_swamped(first.fit):
         first = explain(search, progress)
+    first = _swinging(Search(problem, base, settings), first, progress)
     seen = make_problem(model, unseen, problem.band) if unseen else None
     judge, explanation = _validated(seen, first)
     named = [f.candidate.key for f in first.found if f.candidate.named]
@@ -141,6 +146,34 @@ def diagnose(
     rough = explanation.fit.deviance > 2.0 * explanation.fit.n_rows  # bursts that no estimate of the noise has in it
     say("sensitivities", 0.95)
     return _report(model, judge, explanation, (bool(lost) or rough) and not first.everywhere)
+
+
+def _swinging(search: Search, first: Explanation, progress: ProgressCallback | None) -> Explanation:
+    """Explain the recordings by links that swing on a soft cable, where only motors are measured and that is likelier.
+
+    It is looked at only where something of that kind was found, or no law explains what is left.
+    """
+    if any(motion.felt is None for motion in search.problem.motions) or first.everywhere:
+        return first
+    found = [f.candidate for f in first.found]
+    left, noise = (first.search.left_over(found, smooth=smooth)[1].rms for smooth in (False, True))
+    if not any(c.effect.follows or not c.named for c in found) and not np.any(left > ROUGH * noise):
+        return first
+    if progress is not None:
+        progress("soft cables", 0.9)
+    soft = softest(search)
+    if soft is None:
+        return first
+    there, candidate = soft
+    again = explain(there.with_drift([candidate]), progress, start=[candidate])
+    return again if _likelihood(again) > _likelihood(first) else first
+
+
+def _likelihood(explanation: Explanation) -> float:
+    """Give the log-likelihood of an explanation in the noise that suits it best, less half of BIC's penalty."""
+    search, effects = explanation.search, [f.candidate for f in explanation.found]
+    size = search.size(*effects) + len(search.problem.states[0])
+    return log_likelihood(search.noise(effects), search.problem.segments) - 0.5 * np.log(explanation.fit.n_rows) * size
 
 
 def _validated(seen: Problem | None, explanation: Explanation) -> tuple[Search | None, Explanation]:
@@ -160,7 +193,7 @@ def _judge(seen: Problem, explanation: Explanation) -> Search:
     """Give the search on the unseen recordings, about the model of an explanation."""
     search, fit = explanation.search, explanation.fit
     pairs = list(zip(fit.effects, fit.beta, strict=True))
-    return search.judge(seen.with_model(search.problem.model).with_loads(pairs))
+    return search.judge(seen.with_model(search.problem.model).with_loads(pairs), pairs)
 
 
 def _seconded(judge: Search, explanation: Explanation, most: int = 8) -> Explanation:

@@ -1520,6 +1520,12 @@ class Candidate:
         """Effect, place and shape, and whether its columns change with the model's torques."""
         return self.key, self.shape, self.detail, self.hangs_on_torques
 
+    def admissible(self, beta: Vector) -> Vector:
+        """Give the coefficients with which a soft cable can be integrated; others as they are."""
+        if self.effect.name != "cable_elasticity":
+            return beta
+        return np.array([beta[0], *np.maximum(beta[1:], 0.0)])
+
     @property
     def hangs_on_torques(self) -> bool:
         """Whether its columns depend on the torques of the body or of other effects."""
@@ -1535,7 +1541,31 @@ class Candidate:
         return paired(self.place, self.shape)
 
     def columns(self, motion: Motion) -> Columns:
-        """Columns on one motion."""
+        """Columns on one motion; what acts on joints that swing on a soft cable, as it comes through to the motors."""
+        swing = motion.swing
+        if swing is None:
+            return self.raw_columns(motion)
+        if self.is_swinging(motion):
+            return Columns(swing.compliant)
+        columns = self.raw_columns(motion)
+        if columns.torque is not None and self.effect.carried:
+            return Columns(passed(columns.torque, motion))
+        if columns.along is not None and any(self._here[0].A):
+            series, w = columns.along
+            own = motion.model.joint_from_motor.T @ np.array(self._here[0].A)
+            torque = series.T[:, None, :] * own[:, None]
+            return Columns(passed(torque, motion) + series.T[:, None, :] * (w - own)[:, None])
+        return columns
+
+    def is_swinging(self, motion: Motion) -> bool:
+        """Whether this is the soft cable on which the links swing in a motion."""
+        swing = motion.swing
+        return swing is not None and self.effect.name == "cable_elasticity" and self.place.index[0] == swing.cable
+
+    def raw_columns(self, motion: Motion) -> Columns:
+        """Columns on one motion, as torques act where they act."""
+        if self.is_swinging(motion):
+            return Columns(np.zeros((motion.n, motion.model.n_motors, 2)))
         columns = self.effect.columns(motion, *self._here)
         if not self.detail or columns.along is None or self.effect.detail is None:
             return columns
@@ -1596,8 +1626,47 @@ class Candidate:
         return max(min(own, 2 + self.effect.nuisance_shape) - self.effect.nuisance_shape, 0) + self.place.is_pair
 
 
+def passed(torque: Vector, motion: Motion) -> Vector:
+    """Pass on torques that load the cables, shape (n, n_motors, k), where the links swing on one of them."""
+    if motion.swing is None:
+        return torque
+    return np.stack([motion.swing.through(torque[..., k]) for k in range(torque.shape[2])], axis=-1)
+
+
+def torque_of(columns: Columns, beta: Vector, shape: tuple[int, ...]) -> Vector:
+    """Give the motors' torque of columns with coefficients, shape (n, n_motors) [N m]."""
+    if columns.along is not None:
+        series, w = columns.along
+        k = min(len(beta), len(series))
+        return np.outer(beta[:k] @ series[:k], w)
+    if columns.torque is not None:
+        k = min(len(beta), columns.torque.shape[2])
+        return np.asarray(columns.torque[..., :k] @ beta[:k])
+    return np.zeros(shape)
+
+
 def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motion:
-    """Give the motion with the torques that effects bring, for those other effects that depend on them."""
+    """Give the motion with the torques that effects bring, for those other effects that depend on them.
+
+    Where only motors are measured and a cable is soft, the links swing on it.
+    """
+    if motion.swing is not None:
+        motion = replace(motion.swing.still, model=motion.model)
+    motion = _loaded(motion, effects)
+    soft = [(c.place.index[0], b) for c, b in effects if c.effect.name == "cable_elasticity" and b[0] > 0.0]
+    if motion.felt is None or not soft:
+        return motion
+    from .swing import swung
+
+    cable, beta = max(soft, key=lambda item: float(item[1][0]))
+    stiffness = 1.0 / beta[0]
+    carried = motion.driven_torque - motion.tau_m
+    if motion.extra_driven is not None:
+        carried = carried + motion.extra_driven
+    return _loaded(swung(motion, cable, stiffness, float(beta[1]) * stiffness**2, carried), effects)
+
+
+def _loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motion:
     motion = replace(motion, offset=None, tilt=None, extra_driven=None, shift=None, map_errors=())
     joint, motor = np.zeros_like(motion.q), np.zeros_like(motion.q_m)
     moving = [(c.effect.moves, c, beta) for c, beta in effects if c.effect.moves is not None]
@@ -1607,7 +1676,7 @@ def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motio
     for _, candidate, beta in moving:
         if candidate.effect.follows:
             continue
-        columns = candidate.columns(motion)
+        columns = candidate.raw_columns(motion)
         if columns.torque is not None:
             k = min(len(beta), columns.torque.shape[2])
             driven.append(columns.torque[..., :k] @ beta[:k])
@@ -1616,7 +1685,7 @@ def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motio
     for candidate, beta in effects:
         if not candidate.loads:
             continue
-        columns = candidate.columns(motion)
+        columns = candidate.raw_columns(motion)
         if columns.along is not None:
             f = beta @ columns.along[0][: len(beta)]
             if candidate.place.A and any(candidate.place.A):

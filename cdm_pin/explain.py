@@ -81,7 +81,10 @@ class Explanation:
 
 
 def explain(
-    search: Search, progress: ProgressCallback | None = None, but: frozenset[tuple[str, str]] = frozenset()
+    search: Search,
+    progress: ProgressCallback | None = None,
+    but: frozenset[tuple[str, str]] = frozenset(),
+    start: Sequence[Candidate] = (),
 ) -> Explanation:
     """Find the effects that the rigid body leaves out.
 
@@ -96,6 +99,8 @@ def explain(
         Called with the name of the step and the fraction done.
     but : frozenset of (str, str)
         Keys of candidates that are left out.
+    start : sequence of Candidate
+        What is in the model already.
 
     Returns
     -------
@@ -103,8 +108,8 @@ def explain(
     """
     say = Reporter(search, progress)
     say("columns of every effect", 0.0)
-    bank = search.bank([c for c in (*all_candidates(search.problem), *tones(search)) if c.key not in but])
-    accepted: list[Candidate] = []
+    bank = search.bank([c for c in (*all_candidates(search.problem), *tones(search, start)) if c.key not in but])
+    accepted = list(start)
     for turn in range(4):
         say("searching", 0.1 + 0.2 * turn)
         search, bank, grown = _grow(search, bank, accepted, say)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
@@ -14,6 +15,9 @@ from .cables import hinge_reaction
 from .dynamics import inverse_dynamics, joint_wrenches
 from .geometry import Vector
 from .model import CableModel
+
+if TYPE_CHECKING:
+    from .swing import Swing
 
 MUCH = 2e7
 """Numbers that derivatives by all coordinates may take."""
@@ -35,11 +39,14 @@ class Felt:
         As logged, on the uniform grid [N m], [rad].
     cutoffs : tuple of float
         Of the filters that gave positions and velocities, and accelerations [Hz].
+    valid : ndarray of bool, shape (n,)
+        Samples away from gaps and ends.
     """
 
     torque: Vector
     position: Vector
     cutoffs: tuple[float, float]
+    valid: np.ndarray
 
 
 def leaping(torque: Vector, position: Vector, width: float, rate: float, near: float = 0.1) -> Vector:
@@ -172,6 +179,8 @@ class Motion:
         Known errors of the cable map: cable, joint, and how much more the cable runs per angle of that joint.
     felt : Felt, optional
         What the motors alone tell of where the joints are, where no encoder does.
+    swing : Swing, optional
+        How the links swing on a soft cable, where that is in the motion.
     """
 
     model: CableModel
@@ -196,6 +205,7 @@ class Motion:
     shift: Vector | None = None
     map_errors: tuple[tuple[int, int, Vector], ...] = ()
     felt: Felt | None = None
+    swing: Swing | None = None
 
     @property
     def n(self) -> int:

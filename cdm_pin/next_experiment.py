@@ -103,7 +103,7 @@ def separation(
     run = Run(cast(Any, signals), motion, np.zeros((problem.n_channels, motion.n)))
     both = replace(problem, runs=(problem.runs[0], run))  # what is there and what would come, together
     both.__dict__["rigid"] = [problem.rigid[0], *replace(problem, runs=(run,)).rigid]  # what is there is known
-    there = search.judge(both)
+    there = search.judge(both, [])
     fit = explanation.fit
     whitener = replace(fit.whitener, scale=np.ones(2))
     worst, pair = np.inf, (rivals[0][1], rivals[0][1])
@@ -152,7 +152,7 @@ def random_motion(problem: Problem, rng: np.random.Generator, duration: float, s
     m = model.motor_from_joint.T
     return replace(
         first, time=t, q=out, v=v, a=a, q_m=model.motor_position(out), v_m=v @ m, a_m=a @ m, index=0,
-        extra_joint=None, extra_motor=None, extra_driven=None, shift=None, map_errors=(),
+        extra_joint=None, extra_motor=None, extra_driven=None, shift=None, map_errors=(), felt=None, swing=None,
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from .band import Band, make_band
 from .completed import added
-from .effects import Candidate, Columns, loaded
+from .effects import Candidate, Columns, loaded, passed, torque_of
 from .geometry import Vector
 from .inertia_band import LOWEST, SLOWEST, inertia_cutoff
 from .measured import both_positions, measured_torques
@@ -137,9 +137,45 @@ class Problem:
             Y = motor_regressor(self.model, motion.q, motion.v, motion.a)
             bank = np.zeros((Y.shape[2], self.n_channels, motion.n))
             if self.torque:
-                bank[:, :m] = Y.transpose(2, 1, 0)
+                bank[:, :m] = passed(Y, motion).transpose(2, 1, 0)
             banks.append(self.band.reduce(bank))
         return banks
+
+    @property
+    def swings(self) -> bool:
+        """Whether the links swing on a soft cable in the motions."""
+        return any(run.motion.swing is not None for run in self.runs)
+
+    @cached_property
+    def states(self) -> list[Vector]:
+        """Per run the motor torque of free swings on a soft cable, shape (k, n_channels, n_reduced); mostly none."""
+        free = [np.zeros((0, 0, 0)) if run.motion.swing is None else run.motion.swing.free for run in self.runs]
+        first = np.cumsum([0, *map(len, free)])
+        out = []
+        for k, own, run in zip(first, free, self.runs, strict=False):
+            bank = np.zeros((first[-1], self.n_channels, run.motion.n))
+            if len(own):
+                bank[k : k + len(own), : self.model.n_motors] = own.transpose(0, 2, 1)
+            out.append(self.band.reduce(bank))
+        return out
+
+    def swung(self, effects: Sequence[tuple[Candidate, Vector]]) -> list[Vector]:
+        """Give what is known of the torque along motions that swing, less what the effects' columns say of it.
+
+        The torque of the links where they are, and with it the effects', which loaded the cable already.
+
+        Returns
+        -------
+        list of ndarray, shape (n_channels, n_reduced)
+        """
+        out = []
+        for run in self.runs:
+            torque = run.motion.tau_m.copy()
+            for candidate, beta in effects:
+                torque += torque_of(candidate.raw_columns(run.motion), beta, torque.shape)
+                torque -= torque_of(candidate.columns(run.motion), beta, torque.shape)
+            out.append(self.band.reduce(torque.T))
+        return out
 
     @cached_property
     def rotors(self) -> list[Vector]:
@@ -344,7 +380,7 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
         inertia_noise=inertia_noise(model, signals) if torque else None,
     )
     if torque and "joint_position" not in signals.logged:
-        felt = Felt(measured_torques(model, signals.logged), q_m_raw, (sharp, min(light, band.slow)))
+        felt = Felt(measured_torques(model, signals.logged), q_m_raw, (sharp, min(light, band.slow)), signals.valid)
         motion = replace(motion, felt=felt)
     channels = [measured_torques(model, signals.logged)] if torque else []
     stated = np.zeros_like(travel)

@@ -17,7 +17,7 @@ import numba
 import numpy as np
 
 from .completed import effect_candidates
-from .effects import Candidate, Columns, delayed, loaded
+from .effects import Candidate, delayed, loaded, torque_of
 from .errors import ShapeError
 from .geometry import Vector
 from .model import CableModel
@@ -302,7 +302,7 @@ class _Parts:
         sharp = Candidate(candidate.effect, candidate.place, (EXACT, *candidate.shape[1:]))
         v, v_m = (np.where(x == 0.0, 1e3 * EXACT, x) for x in (self.motion.v, self.motion.v_m))  # at rest: either sign
         moving = replace(self.motion, v=v, v_m=v_m)
-        columns = sharp.columns(moving)
+        columns = sharp.raw_columns(moving)
         if columns.along is None:
             return None
         series, _ = columns.along
@@ -373,17 +373,8 @@ def _true_torque(model: CableModel, motion: Motion, torque: Vector, held: Sequen
         elif name == "time_delay":
             delay[list(index) if index else slice(None)] += beta[0]
         else:
-            drive -= _added(candidate.columns(motion), beta, torque.shape)
+            drive -= torque_of(candidate.raw_columns(motion), beta, torque.shape)
     drive /= gain
     for i in np.flatnonzero(delay):
         drive[:, i : i + 1] = delayed(drive[:, i : i + 1], motion.rate, -delay[i])
     return drive
-
-
-def _added(columns: Columns, beta: Vector, shape: tuple[int, ...]) -> Vector:
-    if columns.along is not None:
-        series, w = columns.along
-        return (beta[: len(series)] @ series[: len(beta)])[:, None] * w
-    if columns.torque is not None:
-        return columns.torque[..., : len(beta)] @ beta[: columns.torque.shape[2]]
-    return np.zeros(shape)

@@ -250,6 +250,7 @@ class Search:
     ):
         self.problem, self.base, self.settings = problem, base, settings
         self.drift = drift
+        self.swung: list[tuple[Candidate, Vector]] = []
         self.held = len({run.payload for run in problem.runs}) > 1 if held is None else held
         self._cache: dict[Any, list[Vector]] = {}
         self._clear: dict[Any, Whitener] = {}
@@ -264,13 +265,21 @@ class Search:
 
     def about(self, fit: Fit) -> Search:
         """Give the same search about a fit: its inertial parameters, and the torques that its effects bring."""
-        pairs = list(zip(fit.effects, fit.beta, strict=True))
-        change = fit.base[: len(self.base.columns)]
-        problem = self.problem.with_model(updated_model(self.problem.model, self.base, change)).with_loads(pairs)
+        return self.at(fit.base[: len(self.base.columns)], list(zip(fit.effects, fit.beta, strict=True)))
+
+    def at(self, change: Vector, effects: Sequence[tuple[Candidate, Vector]]) -> Search:
+        """Give the same search with the base parameters changed, and effects with coefficients in the motions."""
+        effects = [(c, c.admissible(beta)) for c, beta in effects]
+        problem = self.problem.with_model(updated_model(self.problem.model, self.base, change)).with_loads(effects)
         search = Search(problem, self.base, self.settings, self.held, self.drift)
-        for name in ("rigid", "common", "plain", "loads", "smooth", "unshared"):
+        for name in ("common", "plain", "loads", "smooth", "unshared"):
             if name in self.__dict__:
                 search.__dict__[name] = self.__dict__[name]
+        search.swung = effects if problem.swings else []
+        if problem.swings or self.problem.swings:
+            return search
+        if "rigid" in self.__dict__:
+            search.__dict__["rigid"] = self.rigid
         search.__dict__["nominal"] = [
             nominal - np.tensordot(change, rigid[: len(change)], 1)
             for nominal, rigid in zip(self.nominal, self.rigid, strict=True)
@@ -280,6 +289,8 @@ class Search:
 
     def renewed(self, bank: Bank) -> Bank:
         """Compute those columns of a bank anew that depend on the torques of the body and of other effects."""
+        if self.problem.swings:
+            return self.bank(bank.candidates)
         follows = [i for i, c in enumerate(bank.candidates) if c.hangs_on_torques]
         new = self.bank([bank.candidates[i] for i in follows])
         target = np.concatenate([np.arange(bank.slices[i].start, bank.slices[i].stop) for i in follows] or [[]])
@@ -299,13 +310,15 @@ class Search:
     @cached_property
     def nominal(self) -> list[Vector]:
         """Data less the torque of the nominal model."""
-        pi = self.problem.model.standard_parameters
-        return [
-            d[0] - np.tensordot(pi + payload, Y, 1) - r[0]
-            for d, Y, r, payload in zip(
-                self.problem.data, self.problem.rigid, self.problem.rotors, self.problem.payloads, strict=True
-            )
-        ]
+        problem, pi = self.problem, self.problem.model.standard_parameters
+        parts = zip(problem.data, problem.rigid, problem.rotors, problem.payloads, strict=True)
+        if problem.swings:
+            known = problem.swung(self.swung)
+            return [
+                d[0] - k - np.tensordot(payload, Y, 1) - r[0]
+                for k, (d, Y, r, payload) in zip(known, parts, strict=True)
+            ]
+        return [d[0] - np.tensordot(pi + payload, Y, 1) - r[0] for d, Y, r, payload in parts]
 
     @cached_property
     def rigid(self) -> list[Vector]:
@@ -327,15 +340,15 @@ class Search:
         """Number of columns of the rigid body and its payload."""
         return self.n_rigid - (len(self.drift[0]) if self.drift else 0)
 
-    def with_drift(self) -> Search:
+    def with_drift(self, effects: Sequence[Candidate] = ()) -> Search:
         """Give the same search with the slow shapes of sensors' zeros beside the rigid body, where the data show them.
 
-        Judged in what smooth functions of the state leave over, by the frequencies next to theirs.
+        Judged in what effects and smooth functions of the state leave over, by the frequencies next to theirs.
         """
         problem, rate = self.problem, self.problem.band.rate / self.problem.band.step
         if not problem.torque or not any(problem.segments):
             return self
-        rest, basis = self._rest([], self.smooth)
+        rest, basis = self._rest(effects, self.smooth)
         channels = drifting_channels(rest, basis, problem.segments, rate)
         channels = [c for c in channels if c < problem.model.n_motors]
         if not channels:
@@ -343,7 +356,7 @@ class Search:
         lengths = [rigid.shape[2] for rigid in self.rigid]
         drift = drift_columns(lengths, rate, problem.n_channels, channels, LONG)
         search = Search(problem, self.base, self.settings, self.held, drift)
-        search._cache = self._cache
+        search._cache, search.swung = self._cache, self.swung
         for name in ("common", "plain", "loads", "smooth", "unshared", "nominal"):
             if name in self.__dict__:
                 search.__dict__[name] = self.__dict__[name]
@@ -358,9 +371,10 @@ class Search:
         rest = self.still(errors(self, fit.base, fit.effects, fit.beta))
         return bool(np.any(rms(self, drift) > LOUD * rms(self, rest)))
 
-    def judge(self, problem: Problem) -> Search:
+    def judge(self, problem: Problem, effects: Sequence[tuple[Candidate, Vector]]) -> Search:
         """Give a search on recordings that this one has not seen, with the same columns; their zeros are not known."""
         judge = Search(problem, self.base, self.settings, self.held)
+        judge.swung = effects if problem.swings else []
         if self.drift is not None:
             shape = len(self.drift[0]), problem.n_channels
             judge.drift = [np.zeros((*shape, data.shape[2])) for data in problem.data]
@@ -469,8 +483,8 @@ class Search:
         if key not in self._noise:
             own = [self.columns(c) for c in effects]
             banks = [
-                np.concatenate([self.rigid[r], *[columns[r] for columns in own], self.nominal[r][None]])
-                for r in range(len(self.rigid))
+                np.concatenate([self.rigid[r], states, *[columns[r] for columns in own], self.nominal[r][None]])
+                for r, states in enumerate(self.problem.states)
             ]
             whitener, quiet = self.plain, self.problem.segments
             for _ in range(rounds):
@@ -535,12 +549,11 @@ class Search:
         known = self._bodies.get(whitener)
         if known is not None:
             return known
-        banks = [
-            np.concatenate([rigid, nominal[None]]) for rigid, nominal in zip(self.rigid, self.nominal, strict=True)
-        ]
-        W = self.white(whitener, banks)
+        parts = zip(self.rigid, self.problem.states, self.nominal, strict=True)
+        W = self.white(whitener, [np.concatenate([rigid, states, nominal[None]]) for rigid, states, nominal in parts])
         _, Q, inverse = _least_squares(W[:-1], W[-1])
-        return self._bodies.keep(Body(Q, inverse, W[-1], W[-1] - Q @ (Q.T @ W[-1])), whitener)
+        residual = W[-1] - Q @ (Q.T @ W[-1])
+        return self._bodies.keep(Body(Q, inverse[: self.n_rigid], W[-1], residual), whitener)
 
     def fit(self, effects: Sequence[Candidate], whitener: Whitener | None = None) -> Fit:
         """Fit rigid body and effects; estimate the noise anew unless a whitener is given."""
@@ -660,7 +673,7 @@ class Search:
         own = [self.columns(c) for c in effects]
         banks = []
         for r in range(len(self.rigid)):
-            parts = [self.rigid[r], *[columns[r] for columns in own], *([further[r]] if further is not None else [])]
+            parts = [self.rigid[r], self.problem.states[r], *[columns[r] for columns in own], *([further[r]] if further is not None else [])]
             banks.append(np.concatenate([*parts, self.nominal[r][None]]))
         ends = [bank.shape[2] for bank in banks]
         for r, run in enumerate(self.problem.segments):  # there are many columns: no more copies than one at a time
@@ -1058,12 +1071,14 @@ def all_candidates(problem: Problem, names: Sequence[str] | None = None) -> list
     return out
 
 
-def tones(search: Search, most: int = 3, least: float = 60.0) -> list[Candidate]:
+def tones(search: Search, effects: Sequence[Candidate] = (), most: int = 3, least: float = 60.0) -> list[Candidate]:
     """Give candidates for disturbances with a frequency of their own: peaks in the spectrum of a plain fit's residual.
 
     Parameters
     ----------
     search : Search
+    effects : sequence of Candidate
+        Beside the rigid body.
     most : int
         Frequencies at most.
     least : float
@@ -1072,7 +1087,7 @@ def tones(search: Search, most: int = 3, least: float = 60.0) -> list[Candidate]
     problem = search.problem
     rate = problem.band.rate / problem.band.step
     peaks: dict[float, float] = {}
-    for e, run in zip(search.left_over([], smooth=False)[0], problem.segments, strict=True):
+    for e, run in zip(search.left_over(effects, smooth=False)[0], problem.segments, strict=True):
         start, stop = max(run, key=lambda s: s[1] - s[0], default=(0, 0))
         n = stop - start
         if n < 256:

@@ -1,0 +1,111 @@
+"""Which cable is soft, where only motors are measured: every cable at many frequencies of resonance, then the best."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from .effects import CATALOGUE, Candidate
+from .geometry import Vector
+from .motion import Motion
+from .problem import Problem
+from .selection import Search
+from .swing import FARTHEST, slopes_along
+from .whitening import Whitener
+
+RATIO = 1.35
+"""Between frequencies of resonance that are tried."""
+DAMPING = 0.05
+"""Damping ratio to start from."""
+ENOUGH = 25.0
+"""What is looked at for the first comparison [s]."""
+FIELDS = ("time", "q", "v", "a", "q_m", "v_m", "a_m")
+
+
+def softest(search: Search, rounds: int = 10, best: int = 4) -> tuple[Search, Candidate] | None:
+    """Find the soft cable on which the links swing, and give the search about that motion.
+
+    Parameters
+    ----------
+    search : Search
+        About the model file: what is identified on a motion that is not the links' own says little of their masses.
+    rounds : int
+        Of Gauss-Newton's method.
+    best : int
+        Starts that are pursued.
+    """
+    law, starts = CATALOGUE["cable_elasticity"], []
+    short = Search(_shortened(search.problem), search.base, search.settings, search.held)
+    for place in law.places(search.problem.model):
+        candidate = Candidate(law, place)
+        for beta in _starts(search.problem, place.index[0]):
+            starts.append((_pursued(short, candidate, beta, 2)[1], candidate, beta))
+    starts.sort(key=lambda item: item[0])
+    kept = [_pursued(short, candidate, beta, rounds) for _, candidate, beta in starts[:best]]
+    if not kept:
+        return None
+    there, _ = min(kept, key=lambda item: item[1])
+    candidate, beta = there.swung[0]
+    return _pursued(search, candidate, beta, rounds)[0], candidate
+
+
+def _starts(problem: Problem, cable: int) -> list[Vector]:
+    """List coefficients of a cable at resonances between where it would stretch too far and far above the band."""
+    motion = problem.motions[0]
+    load = max(float(np.quantile(np.abs(m.cable_torque[:, cable]), 0.99)) for m in problem.motions)
+    mass = _inertia(motion, cable)
+    least = max(load / FARTHEST, mass * (2 * np.pi) ** 2)
+    count = 1 + int(max(np.log(2.0 * problem.band.cutoff * 2 * np.pi / np.sqrt(least / mass)), 0.0) / np.log(RATIO))
+    out = []
+    for stiffness in least * RATIO ** (2 * np.arange(count)):
+        damping = 2.0 * DAMPING * np.sqrt(mass * stiffness)
+        out.append(np.array([1.0 / stiffness, damping / stiffness**2]))
+    return out
+
+
+def _pursued(search: Search, candidate: Candidate, beta: Vector, rounds: int) -> tuple[Search, float]:
+    """Fit a soft cable about the motion that it makes, again and again, in steps that keep its resonance in sight.
+
+    The second value is the squared error about the motion as it stands, scaled per channel.
+    """
+    scale, best = search.plain, (search, np.inf)
+    change = np.zeros(len(search.base.columns))
+    for _ in range(rounds):
+        search = search.at(change, [(candidate, beta)])
+        fit = search.fit([candidate], scale)
+        left = _left(search, candidate, beta, scale)
+        if left < best[1]:
+            best = search, left
+        step = np.clip(fit.beta[0], beta * [0.6, 0.2], beta * [1.7, 5.0])
+        if np.all(np.abs(step - beta) < 1e-3 * np.abs(beta)):
+            break
+        beta, change = step, fit.base[: len(change)]
+    return best
+
+
+def _left(search: Search, candidate: Candidate, beta: Vector, scale: Whitener) -> float:
+    body = search.body(scale)
+    known = search.white(scale, search.columns(candidate)).T @ beta
+    rest = body.residual - (known - body.Q @ (body.Q.T @ known))
+    return float(rest @ rest)
+
+
+def _shortened(problem: Problem) -> Problem:
+    """Give the problem of the first part of the first recording alone."""
+    run = problem.runs[0]
+    n = min(run.motion.n, int(ENOUGH * run.motion.rate))
+    n -= n % problem.band.step
+    felt = run.motion.felt
+    assert felt is not None
+    felt = replace(felt, torque=felt.torque[:n], position=felt.position[:n], valid=felt.valid[:n])
+    motion = replace(run.motion, **{name: getattr(run.motion, name)[:n] for name in FIELDS}, felt=felt)
+    signals = replace(run.signals, time=run.signals.time[:n], valid=run.signals.valid[:n])
+    return replace(problem, runs=(replace(run, signals=signals, motion=motion, data=run.data[:, :n]),))
+
+
+def _inertia(motion: Motion, cable: int) -> float:
+    """Inertia of the links that a cable feels, in the middle of a motion's [kg m^2]."""
+    part = replace(motion, **{name: getattr(motion, name)[::50] for name in FIELDS})
+    b = -motion.model.joint_from_motor[:, cable] / motion.model.arm_scale[cable]
+    return float(np.median(-slopes_along(part, b)[2, :, cable])) / motion.model.arm_scale[cable]

@@ -1,0 +1,192 @@
+"""A soft cable seen from its motor alone: the links swing on it, and all that loads the cable does so through it.
+
+Motors say where cables begin. Where the links are follows from what the soft cable carries: with x its travel and
+b = -E e_i / s_i the joints' motion per travel,
+
+.. math::  K x + D \\dot x = C_i(q, \\dot q, \\ddot q),  \\qquad q = E q_m + b x,
+
+an oscillator that the motors drive. First-order columns, C_i / K, are those far below its resonance; here it is
+integrated, and whatever acts on the joints is passed on as its linearisation about that motion answers
+(Spong, J. Dyn. Syst. Meas. Control 109(4), 1987, for the model).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numba
+import numpy as np
+
+from .geometry import Vector
+from .motion import Motion
+from .signals_filters import stretches
+
+ROUNDS = 4
+LEAST_DAMPING = 2e-3
+"""Least damping ratio that is integrated with: an estimate may pass through less."""
+FARTHEST = 0.6
+"""Travel that is taken for possible [rad]."""
+LONGEST = 8
+"""Stretches without gaps whose first state is estimated, the longest."""
+
+
+@dataclass(frozen=True)
+class Swing:
+    """How the links swing on one cable along a motion.
+
+    Attributes
+    ----------
+    cable : int
+    stiffness, damping : float
+        [N m/rad], [N m s/rad].
+    oscillator : ndarray, shape (3, n)
+        What its travel, speed and acceleration ask of the cable: stiffness, damping and inertia, those of the links
+        included.
+    slopes : ndarray, shape (3, n, n_motors)
+        Motor torque per travel, speed and acceleration.
+    travel : ndarray, shape (3, n)
+        x and its rates [rad, s].
+    free : ndarray, shape (k, n, n_motors)
+        Motor torque of unit swings from the first states of stretches without gaps.
+    still : Motion
+        As if the cable were rigid.
+    """
+
+    cable: int
+    stiffness: float
+    damping: float
+    oscillator: Vector
+    slopes: Vector
+    travel: Vector
+    free: Vector
+    still: Motion
+
+    def answer(self, load: Vector) -> Vector:
+        """Give travel, speed and acceleration under a further load of the cable, shapes (n,) -> (3, n)."""
+        return oscillate(self.oscillator, np.ascontiguousarray(load), 1.0 / self.still.rate)
+
+    def through(self, torque: Vector) -> Vector:
+        """Pass on torques that load the cables, as the motors feel them, shape (n, n_motors)."""
+        load = torque[:, self.cable] / self.still.model.arm_scale[self.cable]
+        return torque + np.einsum("dn,dnm->nm", self.answer(load), self.slopes)
+
+    @property
+    def compliant(self) -> Vector:
+        """Derivatives of the motors' torque by beta = (1/K, D/K^2), shape (n, n_motors, 2)."""
+        K, D = self.stiffness, self.damping
+        by_K, by_D = (np.einsum("dn,dnm->nm", self.answer(-x), self.slopes) for x in self.travel[:2])
+        return np.stack([-(K**2) * by_K - 2.0 * D * K * by_D, K**2 * by_D], axis=-1)
+
+
+def swung(motion: Motion, cable: int, stiffness: float, damping: float, carried: Vector) -> Motion:
+    """Give the motion of links that hang on one soft cable.
+
+    The first state of every stretch without gaps is that with which the motors' torques agree best.
+
+    Parameters
+    ----------
+    motion : Motion
+        As if the cable were rigid, with what its motors felt.
+    cable : int
+    stiffness, damping : float
+    carried : ndarray, shape (n, n_motors)
+        What the cables carry beside the rigid body's torque [N m].
+    """
+    model, felt = motion.model, motion.felt
+    assert felt is not None
+    scale, b = model.arm_scale[cable], -model.joint_from_motor[:, cable] / model.arm_scale[cable]
+    measured = felt.torque - motion.a_m * model.rotor_inertia - carried
+    if motion.extra_motor is not None:
+        measured = measured - motion.extra_motor
+    parts = sorted(stretches(felt.valid), key=lambda s: s[0] - s[1])[:LONGEST]
+    x = np.zeros((3, motion.n))
+    moved, slopes, oscillator, own, free = motion, *np.zeros((4, 0))
+    for k in range(ROUNDS):
+        moved = _moved(motion, x, b)
+        if k < 2:
+            slopes = slopes_along(moved, b)
+            mass = np.maximum(-slopes[2, :, cable] / scale, 1e-9)
+            spring = np.maximum(stiffness - slopes[0, :, cable] / scale, 0.2 * stiffness)
+            drag = damping - slopes[1, :, cable] / scale
+            oscillator = np.stack([spring, np.maximum(drag, LEAST_DAMPING * 2.0 * np.sqrt(mass * spring)), mass])
+            own = _released(oscillator, parts, motion.rate)
+            free = np.einsum("kdn,dnm->knm", own, slopes)
+        load = (moved.tau_m + carried)[:, cable] / scale - stiffness * x[0] - damping * x[1]
+        step = oscillate(oscillator, load, 1.0 / motion.rate)
+        step = _tame(step)
+        rest = measured - moved.tau_m - np.einsum("dn,dnm->nm", step, slopes)
+        states = np.linalg.lstsq(free[:, felt.valid].reshape(len(free), -1).T, rest[felt.valid].ravel(), rcond=None)[0]
+        x = _tame(x + step + np.tensordot(states, own, 1))
+    moved = _moved(motion, x, b)
+    return replace(moved, swing=Swing(cable, stiffness, damping, oscillator, slopes, x, free, motion))
+
+
+def _tame(x: Vector) -> Vector:
+    """Keep a travel that no cable has, as of a stiffness that is far too low, from running away."""
+    return np.asarray(np.nan_to_num(x) * min(1.0, FARTHEST / max(float(np.nan_to_num(np.abs(x[0])).max()), 1e-12)))
+
+
+def _moved(motion: Motion, x: Vector, b: Vector) -> Motion:
+    q, v, a = (old + np.outer(own, b) for old, own in zip((motion.q, motion.v, motion.a), x, strict=True))
+    return replace(motion, q=q, v=v, a=a)
+
+
+def slopes_along(motion: Motion, b: Vector) -> Vector:
+    """Differentiate the motors' torque along b of positions, speeds and accelerations, shape (3, n, n_motors)."""
+    out = []
+    for k, h in enumerate((1e-4, 1.0, 1.0)):
+        sides = [_moved(motion, s * h * np.eye(3)[:, k, None] * np.ones(motion.n), b).tau_m for s in (1.0, -1.0)]
+        out.append((sides[0] - sides[1]) / (2.0 * h))
+    return np.stack(out)
+
+
+def _released(oscillator: Vector, parts: Sequence[tuple[int, int]], rate: float) -> Vector:
+    """Let an oscillator swing freely from unit travel and from unit speed at the start of stretches, (k, 3, n)."""
+    out = np.zeros((2 * len(parts), *oscillator.shape))
+    for k, (start, stop) in enumerate(parts):
+        own = np.ascontiguousarray(oscillator[:, start:stop])
+        for j, (x, v) in enumerate(np.eye(2)):
+            out[2 * k + j, :, start:stop] = _integrate(own, np.zeros(stop - start), x, v, 1.0 / rate)
+    return out
+
+
+def oscillate(oscillator: Vector, load: Vector, dt: float) -> Vector:
+    """Drive an oscillator whose coefficients change slowly by a load, from where it would rest, shape (3, n)."""
+    return _integrate(oscillator, load, float(load[0] / oscillator[0, 0]), 0.0, dt)
+
+
+@numba.njit(cache=True)
+def _integrate(oscillator, load, x, v, dt):
+    """Step m x'' + c x' + k x = load exactly for a load that is linear within each step (m, c, k constant there)."""
+    n = len(load)
+    out = np.empty((3, n))
+    for t in range(n):
+        k, c, m = oscillator[0, t], oscillator[1, t], oscillator[2, t]
+        out[0, t], out[1, t], out[2, t] = x, v, (load[t] - c * v - k * x) / m
+        if t + 1 == n:
+            break
+        k, c, m = (
+            0.5 * (k + oscillator[0, t + 1]),
+            0.5 * (c + oscillator[1, t + 1]),
+            0.5 * (m + oscillator[2, t + 1]),
+        )
+        slope = (load[t + 1] - load[t]) / dt
+        # a motion that follows the load: p + r s, with k r = slope, k p + c r = load
+        r = slope / k
+        p = (load[t] - c * r) / k
+        y, w = x - p, v - r
+        a, wn2 = 0.5 * c / m, k / m
+        d = wn2 - a * a
+        e = np.exp(-a * dt)
+        if d > 1e-12:
+            o = np.sqrt(d)
+            co, si = np.cos(o * dt), np.sin(o * dt) / o
+        elif d < -1e-12:
+            o = np.sqrt(-d)
+            co, si = np.cosh(o * dt), np.sinh(o * dt) / o
+        else:
+            co, si = 1.0, dt
+        x = e * (y * co + (w + a * y) * si) + p + r * dt
+        v = e * (w * co - (a * w + wn2 * y) * si) + r
+    return out
