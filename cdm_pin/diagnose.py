@@ -39,7 +39,9 @@ from .whitening import log_likelihood
 
 BLURRED = 0.15
 """Share of the torque that steps of encoders may make through accelerations."""
-ROUGH = 1.3
+SOFT = ("cable_elasticity", "cable_slack", "pulley_eccentricity", "transmission_ratio_error")
+"""Effects for which links that swing on a soft cable may be taken."""
+ROUGH = 1.15
 """Error over that beside smooth functions of the state, from which something is still to be explained."""
 ONCE = ("external_torque", "unnamed_time", "unnamed_wear", "unnamed_stiffening", "unnamed_gain_drift", "unnamed_tone")
 """What happens at a time of its own: another recording cannot judge it."""
@@ -157,15 +159,15 @@ def _swinging(search: Search, first: Explanation, progress: ProgressCallback | N
         return first
     found = [f.candidate for f in first.found]
     left, noise = (first.search.left_over(found, smooth=smooth)[1].rms for smooth in (False, True))
-    if not any(c.effect.follows or not c.named for c in found) and not np.any(left > ROUGH * noise):
+    if not any(c.effect.name in SOFT or not c.named for c in found) and not np.any(left > ROUGH * noise):
         return first
     if progress is not None:
         progress("soft cables", 0.9)
-    soft = softest(search)
+    soft = softest(search, [c for c in found if c.named and c.effect.name not in SOFT and c.effect.name != "backlash"])
     if soft is None:
         return first
-    there, candidate = soft
-    again = explain(there.with_drift([candidate]), progress, start=[candidate])
+    there, effects = soft
+    again = explain(there.with_drift(effects), progress, start=effects)
     return again if _likelihood(again) > _likelihood(first) else first
 
 

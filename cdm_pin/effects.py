@@ -742,7 +742,7 @@ def _crossing_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
 
 def _crossing_bounds(motions: Sequence[Motion], place: Place) -> list[tuple[float, float]]:
     most = _greatest_load(motions, place) or 1.0
-    return [(0.001 * most, 0.1 * most)]
+    return [(0.001 * most, 0.03 * most)]
 
 
 def _slack(motion: Motion, place: Place, shape: Shape) -> Columns:
@@ -1597,7 +1597,7 @@ class Candidate:
         share : float
             Of the torque, where nothing was left open; a quarter of it where that was (`detail`).
         """
-        columns = self.columns(motion)
+        columns = self.raw_columns(motion)
         assert self.effect.detail is not None and columns.along is not None
         series, w = columns.along
         size = float(np.sqrt(np.mean((beta @ series[: len(beta)]) ** 2))) * share * (0.25 if self.detail else 1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,26 +11,29 @@ from .effects import CATALOGUE, Candidate
 from .geometry import Vector
 from .motion import Motion
 from .problem import Problem
-from .selection import Search
+from .selection import Fit, Search
 from .swing import FARTHEST, slopes_along
-from .whitening import Whitener
 
 RATIO = 1.35
 """Between frequencies of resonance that are tried."""
 DAMPING = 0.05
 """Damping ratio to start from."""
-ENOUGH = 25.0
+ENOUGH = 20.0
 """What is looked at for the first comparison [s]."""
 FIELDS = ("time", "q", "v", "a", "q_m", "v_m", "a_m")
 
 
-def softest(search: Search, rounds: int = 10, best: int = 4) -> tuple[Search, Candidate] | None:
+def softest(
+    search: Search, beside: Sequence[Candidate] = (), rounds: int = 10, best: int = 4
+) -> tuple[Search, list[Candidate]] | None:
     """Find the soft cable on which the links swing, and give the search about that motion.
 
     Parameters
     ----------
     search : Search
         About the model file: what is identified on a motion that is not the links' own says little of their masses.
+    beside : sequence of Candidate
+        Other effects that are in the model.
     rounds : int
         Of Gauss-Newton's method.
     best : int
@@ -40,14 +44,22 @@ def softest(search: Search, rounds: int = 10, best: int = 4) -> tuple[Search, Ca
     for place in law.places(search.problem.model):
         candidate = Candidate(law, place)
         for beta in _starts(search.problem, place.index[0]):
-            starts.append((_pursued(short, candidate, beta, 2)[1], candidate, beta))
+            starts.append((_pursued(short, candidate, beta, beside, 2)[1], candidate, beta))
     starts.sort(key=lambda item: item[0])
-    kept = [_pursued(short, candidate, beta, rounds) for _, candidate, beta in starts[:best]]
+    kept = [_pursued(short, candidate, beta, beside, rounds) for _, candidate, beta in starts[:best]]
     if not kept:
         return None
-    there, _ = min(kept, key=lambda item: item[1])
-    candidate, beta = there.swung[0]
-    return _pursued(search, candidate, beta, rounds)[0], candidate
+    kept.sort(key=lambda item: item[1])
+    others = [item for item in kept[1:] if not _alike(item[0], kept[0][0])]
+    ready = [_pursued(search, *there.swung[0], beside, rounds) for there, _ in [kept[0], *others[:1]]]
+    there = min(ready, key=lambda item: item[1])[0]
+    return there, [candidate for candidate, _ in there.swung]
+
+
+def _alike(a: Search, b: Search) -> bool:
+    """Whether two searches are about the same soft cable, as stiff."""
+    (one, x), (other, y) = a.swung[0], b.swung[0]
+    return one.key == other.key and abs(x[0] - y[0]) < 0.05 * abs(y[0])
 
 
 def _starts(problem: Problem, cable: int) -> list[Vector]:
@@ -64,30 +76,34 @@ def _starts(problem: Problem, cable: int) -> list[Vector]:
     return out
 
 
-def _pursued(search: Search, candidate: Candidate, beta: Vector, rounds: int) -> tuple[Search, float]:
+def _pursued(
+    search: Search, candidate: Candidate, beta: Vector, beside: Sequence[Candidate], rounds: int
+) -> tuple[Search, float]:
     """Fit a soft cable about the motion that it makes, again and again, in steps that keep its resonance in sight.
 
     The second value is the squared error about the motion as it stands, scaled per channel.
     """
-    scale, best = search.plain, (search, np.inf)
+    scale, best, effects = search.plain, (search, np.inf), [candidate, *beside]
     change = np.zeros(len(search.base.columns))
+    coefficients = [beta, *search.fit(beside, scale).beta]
     for _ in range(rounds):
-        search = search.at(change, [(candidate, beta)])
-        fit = search.fit([candidate], scale)
-        left = _left(search, candidate, beta, scale)
+        search = search.at(change, list(zip(effects, coefficients, strict=True)))
+        fit = search.fit(effects, scale)
+        left = _left(search, fit, beta)
         if left < best[1]:
             best = search, left
         step = np.clip(fit.beta[0], beta * [0.6, 0.2], beta * [1.7, 5.0])
         if np.all(np.abs(step - beta) < 1e-3 * np.abs(beta)):
             break
-        beta, change = step, fit.base[: len(change)]
+        change, beta, coefficients = fit.base[: len(change)], step, [step, *fit.beta[1:]]
     return best
 
 
-def _left(search: Search, candidate: Candidate, beta: Vector, scale: Whitener) -> float:
-    body = search.body(scale)
-    known = search.white(scale, search.columns(candidate)).T @ beta
-    rest = body.residual - (known - body.Q @ (body.Q.T @ known))
+def _left(search: Search, fit: Fit, beta: Vector) -> float:
+    """Give the squared error where the soft cable keeps the coefficients that the motion was made with."""
+    others = search.without(fit, 0)
+    known = beta @ search.white(fit.whitener, search.columns(fit.effects[0]))
+    rest = others.residual - others.rest(known[None])[0]
     return float(rest @ rest)
 
 

@@ -22,7 +22,7 @@ from .geometry import Vector
 from .motion import Motion
 from .signals_filters import stretches
 
-ROUNDS = 4
+ROUNDS = 3
 LEAST_DAMPING = 2e-3
 """Least damping ratio that is integrated with: an estimate may pass through less."""
 FARTHEST = 0.6
@@ -111,11 +111,11 @@ def swung(motion: Motion, cable: int, stiffness: float, damping: float, carried:
             drag = damping - slopes[1, :, cable] / scale
             oscillator = np.stack([spring, np.maximum(drag, LEAST_DAMPING * 2.0 * np.sqrt(mass * spring)), mass])
             own = _released(oscillator, parts, motion.rate)
-            free = np.einsum("kdn,dnm->knm", own, slopes)
+            free = np.nan_to_num(np.einsum("kdn,dnm->knm", own, slopes))
         load = (moved.tau_m + carried)[:, cable] / scale - stiffness * x[0] - damping * x[1]
         step = oscillate(oscillator, load, 1.0 / motion.rate)
         step = _tame(step)
-        rest = measured - moved.tau_m - np.einsum("dn,dnm->nm", step, slopes)
+        rest = np.nan_to_num(measured - moved.tau_m - np.einsum("dn,dnm->nm", step, slopes))
         states = np.linalg.lstsq(free[:, felt.valid].reshape(len(free), -1).T, rest[felt.valid].ravel(), rcond=None)[0]
         x = _tame(x + step + np.tensordot(states, own, 1))
     moved = _moved(motion, x, b)
@@ -124,7 +124,9 @@ def swung(motion: Motion, cable: int, stiffness: float, damping: float, carried:
 
 def _tame(x: Vector) -> Vector:
     """Keep a travel that no cable has, as of a stiffness that is far too low, from running away."""
-    return np.asarray(np.nan_to_num(x) * min(1.0, FARTHEST / max(float(np.nan_to_num(np.abs(x[0])).max()), 1e-12)))
+    if not np.isfinite(x).all():
+        return np.zeros_like(x)
+    return np.asarray(x * min(1.0, FARTHEST / max(float(np.abs(x[0]).max()), 1e-12)))
 
 
 def _moved(motion: Motion, x: Vector, b: Vector) -> Motion:
@@ -134,11 +136,12 @@ def _moved(motion: Motion, x: Vector, b: Vector) -> Motion:
 
 def slopes_along(motion: Motion, b: Vector) -> Vector:
     """Differentiate the motors' torque along b of positions, speeds and accelerations, shape (3, n, n_motors)."""
-    out = []
-    for k, h in enumerate((1e-4, 1.0, 1.0)):
-        sides = [_moved(motion, s * h * np.eye(3)[:, k, None] * np.ones(motion.n), b).tau_m for s in (1.0, -1.0)]
-        out.append((sides[0] - sides[1]) / (2.0 * h))
-    return np.stack(out)
+
+    def at(k: int, step: float) -> Vector:
+        return _moved(motion, step * np.outer(np.eye(3)[k], np.ones(motion.n)), b).tau_m
+
+    by_position = (at(0, 1e-4) - at(0, -1e-4)) / 2e-4
+    return np.stack([by_position, 0.5 * (at(1, 1.0) - at(1, -1.0)), at(2, 1.0) - motion.tau_m])
 
 
 def _released(oscillator: Vector, parts: Sequence[tuple[int, int]], rate: float) -> Vector:
