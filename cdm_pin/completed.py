@@ -107,8 +107,8 @@ def added_torque(motion: Motion) -> Vector:
 def added(motion: Motion) -> tuple[Vector, Vector]:
     """Compute what the effects of the motion's model add to the motors' torques and to the cables' travel.
 
-    Effects that change where the joints stand (ratio errors, elasticity) enter to first order, as in their columns; on a
-    soft cable behind measured motors the links swing.
+    Effects that change where the joints stand (ratio errors, elasticity) enter to first order, as in their columns;
+    on a soft cable behind measured motors the links swing.
 
     Parameters
     ----------

@@ -21,10 +21,10 @@ from .next_experiment import Experiment, plan_next
 from .problem import Problem, make_problem
 from .recording import Recording
 from .regions import region
-from .soft import softest
 from .replay import Replay, simulated_position
 from .replay_runs import replay_runs
 from .selection import Fit, ProgressCallback, Search, Settings, errors, rms
+from .soft import softest
 from .unexplained import (
     at_corrections,
     beyond_floor,
@@ -168,7 +168,7 @@ def _swinging(search: Search, first: Explanation, progress: ProgressCallback | N
         return first
     there, effects = soft
     again = explain(there.with_drift(effects), progress, start=effects)
-    return again if _likelihood(again) > _likelihood(first) else first
+    return again if again.found and _likelihood(again) > _likelihood(first) else first
 
 
 def _likelihood(explanation: Explanation) -> float:

@@ -131,7 +131,7 @@ class Effect:
     weighs : bool
         Whether the columns depend on the robot's inertial parameters.
     moves : callable, optional
-        Motion, place, coefficients, shape -> the motion about which first-order columns become exact for these coefficients.
+        Motion, place, coefficients, shape -> the motion about which first-order columns are exact for these.
     carried : bool
         Whether the drive carries the effect's torque; what the logger adds it does not.
     errors : callable
@@ -713,16 +713,23 @@ def _compliant(motion: Motion, i: int, slack: float = np.inf) -> Columns:
 
 
 def _backlash(motion: Motion, place: Place, shape: Shape) -> Columns:
-    i = place.index[0]
-    if motion.felt is None:
+    """Columns of a cable's travel per half of its play; motors that alone are measured may leap with less torque."""
+    from .signals_filters import differentiate
+
+    i, model = place.index[0], motion.model
+    if motion.joints_measured:
         return _moved(motion, np.tanh(motion.cable_torque[:, i] / shape[0]), i, None)
-    along = -motion.model.joint_from_motor[:, i] / motion.model.arm_scale[i]
-    side = motion.felt_side(i, shape[0])
+    if motion.felt is not None:
+        side = motion.felt_side(i, shape[0])
+    else:
+        x = np.tanh(motion.cable_torque[:, i] / shape[0])
+        side = (x, differentiate(x, motion.rate), differentiate(differentiate(x, motion.rate), motion.rate))
+    along = -model.joint_from_motor[:, i] / model.arm_scale[i]
     d, *rates = (x[:, None] * along for x in side)
-    felt = motion.midway.torque_change(d, tuple(rates))
-    rotor = np.eye(motion.model.n_motors)[i] * motion.model.rotor_inertia[i] / motion.model.arm_scale[i]
-    parts = [felt, np.outer(side[2], -rotor)] if rotor.any() else [felt]  # a motor that leaps may ask for less torque
-    return Columns(np.stack(parts, axis=-1))
+    felt = motion.midway.torque_change(d, (rates[0], rates[1]))
+    rotor = np.eye(model.n_motors)[i] * model.rotor_inertia[i] / model.arm_scale[i]
+    parts = [felt, np.outer(side[2], -rotor)] if rotor.any() else [felt]
+    return Columns(np.asarray(np.stack(parts, axis=-1), float))
 
 
 def _played(motion: Motion, place: Place, beta: Vector, shape: Shape) -> Motion:
@@ -1492,6 +1499,10 @@ CATALOGUE: dict[str, Effect] = {
 """Every effect by name."""
 
 
+SWUNG = 0.01
+"""Share that the law of a soft cable may be wrong by, where the links' swing on it is integrated."""
+
+
 @dataclass(frozen=True)
 class Candidate:
     """An effect at a place with given nonlinear parameters.
@@ -1561,6 +1572,10 @@ class Candidate:
         """Whether this is the soft cable on which the links swing in a motion."""
         swing = motion.swing
         return swing is not None and self.effect.name == "cable_elasticity" and self.place.index[0] == swing.cable
+
+    def law_error(self, motion: Motion) -> float:
+        """Share of itself that the law may be wrong by on a motion: less where the links swing on its cable."""
+        return SWUNG if self.is_swinging(motion) else self.effect.error
 
     def raw_columns(self, motion: Motion) -> Columns:
         """Columns on one motion, as torques act where they act."""
@@ -1663,7 +1678,8 @@ def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motio
     carried = motion.driven_torque - motion.tau_m
     if motion.extra_driven is not None:
         carried = carried + motion.extra_driven
-    return _loaded(swung(motion, cable, stiffness, float(beta[1]) * stiffness**2, carried), effects)
+    moved = swung(motion, cable, stiffness, float(beta[1]) * stiffness**2, carried)
+    return motion if moved.swing is None else _loaded(moved, effects)
 
 
 def _loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motion:

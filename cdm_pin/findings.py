@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from .effects import CATALOGUE, Candidate, Columns, Effect, coupled_alike, parallel
+from .effects import CATALOGUE, SWUNG, Candidate, Columns, Effect, coupled_alike, parallel
 from .explain import Explanation, Found
 from .geometry import Vector
 from .model import CableModel
@@ -105,6 +105,8 @@ def with_law_errors(
         p.name: max(p.error if seen else p.error_unseen, LEAST) + more.get(p.name, 0.0)
         for p in candidate.effect.parameters
     }
+    if candidate.is_swinging(search.problem.motions[0]):
+        shares["stiffness"] = SWUNG
     shares |= dict.fromkeys(("phase", "start", "end"), 0.0)  # these count from an origin of no meaning
     return {
         name: v | {"std": float(np.hypot(v["std"], shares.get(name, 0.0) * v["value"]))} for name, v in values.items()

@@ -257,6 +257,16 @@ class Motion:
             torque = changed / self.model.arm_scale
         return torque
 
+    @cached_property
+    def felt_load(self) -> Vector:
+        """Slow part of the torque that cable i puts on link i, as measured, shape (n, n_motors) [N m]."""
+        from .signals_filters import lowpass
+
+        assert self.felt is not None
+        rotors = lowpass(self.a_m, self.rate, SLOW_ROTORS) * self.model.rotor_inertia
+        torque = lowpass(self.felt.torque, self.rate, FELT) - rotors
+        return (torque if self.extra_motor is None else torque - self.extra_motor) / self.model.arm_scale
+
     def felt_side(self, i: int, width: float) -> tuple[Vector, Vector, Vector]:
         """Give on which side of its play cable i lies, -1 to 1, and the rates, by torque and positions of the motors.
 
@@ -276,11 +286,7 @@ class Motion:
         from .signals_filters import differentiate, lowpass
 
         assert self.felt is not None
-        torque = lowpass(self.felt.torque[:, i], self.rate, FELT)
-        torque = torque - lowpass(self.a_m[:, i], self.rate, SLOW_ROTORS) * self.model.rotor_inertia[i]
-        if self.extra_motor is not None:
-            torque = torque - self.extra_motor[:, i]
-        side = leaping(torque / self.model.arm_scale[i], self.felt.position[:, i], width, self.rate)
+        side = leaping(self.felt_load[:, i], self.felt.position[:, i], width, self.rate)
         x, slow = (lowpass(side, self.rate, cutoff) for cutoff in self.felt.cutoffs)
         return x, differentiate(x, self.rate), differentiate(differentiate(slow, self.rate), self.rate)
 

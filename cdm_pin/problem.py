@@ -146,6 +146,12 @@ class Problem:
         """Whether the links swing on a soft cable in the motions."""
         return any(run.motion.swing is not None for run in self.runs)
 
+    @property
+    def hung(self) -> tuple[int, int] | None:
+        """On which cable the links swing, and about how stiff it is (on a scale of thirds); None for rigid ones."""
+        swing = self.runs[0].motion.swing
+        return None if swing is None else (swing.cable, round(np.log(swing.stiffness) / np.log(4.0 / 3.0)))
+
     @cached_property
     def states(self) -> list[Vector]:
         """Per run the motor torque of free swings on a soft cable, shape (k, n_channels, n_reduced); mostly none."""

@@ -87,12 +87,15 @@ class Bank:
         One per run.
     weight : ndarray, shape (n_candidates,)
         Share of the alarm that each candidate may spend; sums to one.
+    hung : tuple of int, optional
+        On which cable the links swung, and about how stiff it was (`Problem.hung`).
     """
 
     candidates: tuple[Candidate, ...]
     slices: tuple[slice, ...]
     lines: list[Lines]
     weight: Vector
+    hung: tuple[int, int] | None = None
 
     @cached_property
     def laws(self) -> Bank:
@@ -112,6 +115,7 @@ class Bank:
             tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(first)),
             [lines.part(slices) for lines in self.lines] if own else [],
             self.weight[list(own)],
+            self.hung,
         )
 
 
@@ -289,7 +293,7 @@ class Search:
 
     def renewed(self, bank: Bank) -> Bank:
         """Compute those columns of a bank anew that depend on the torques of the body and of other effects."""
-        if self.problem.swings:
+        if self.problem.hung != bank.hung:
             return self.bank(bank.candidates)
         follows = [i for i, c in enumerate(bank.candidates) if c.hangs_on_torques]
         new = self.bank([bank.candidates[i] for i in follows])
@@ -672,8 +676,10 @@ class Search:
         """Give what a plain fit leaves over, and an orthonormal basis of its columns, per run."""
         own = [self.columns(c) for c in effects]
         banks = []
-        for r in range(len(self.rigid)):
-            parts = [self.rigid[r], self.problem.states[r], *[columns[r] for columns in own], *([further[r]] if further is not None else [])]
+        for r, states in enumerate(self.problem.states):
+            parts = [self.rigid[r], states, *[columns[r] for columns in own]]
+            if further is not None:
+                parts.append(further[r])
             banks.append(np.concatenate([*parts, self.nominal[r][None]]))
         ends = [bank.shape[2] for bank in banks]
         for r, run in enumerate(self.problem.segments):  # there are many columns: no more copies than one at a time
@@ -746,7 +752,7 @@ class Search:
         if candidate.effect.exact_travel and self.problem.torque:
             for part in parts:
                 part[:, self.problem.model.n_motors :] = 0.0
-        known = candidate.effect.error * np.abs(self.white(fit.whitener, parts)[0])
+        known = candidate.law_error(self.problem.motions[0]) * np.abs(self.white(fit.whitener, parts)[0])
         if candidate.has_doubts:
             doubts = self.problem.reduce(lambda motion: candidate.doubts(motion, beta))
             known = known + np.abs(self.white(fit.whitener, [d.dense() for d in doubts])).sum(axis=0)
@@ -781,7 +787,7 @@ class Search:
         shapes = Counter(c.key for c in candidates)
         weight = np.array([1 / (len(shapes) * shapes[c.key]) for c in candidates])
         slices = tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(first))
-        return Bank(tuple(candidates), slices, runs, weight)
+        return Bank(tuple(candidates), slices, runs, weight, self.problem.hung)
 
     def _white_bank(self, body: Body, whitener: Whitener, bank: Bank) -> WhiteBank:
         known = self._banks.get(whitener, bank)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -46,14 +46,15 @@ def softest(
         for beta in _starts(search.problem, place.index[0]):
             starts.append((_pursued(short, candidate, beta, beside, 2)[1], candidate, beta))
     starts.sort(key=lambda item: item[0])
-    kept = [_pursued(short, candidate, beta, beside, rounds) for _, candidate, beta in starts[:best]]
-    if not kept:
-        return None
-    kept.sort(key=lambda item: item[1])
-    others = [item for item in kept[1:] if not _alike(item[0], kept[0][0])]
-    ready = [_pursued(search, *there.swung[0], beside, rounds) for there, _ in [kept[0], *others[:1]]]
-    there = min(ready, key=lambda item: item[1])[0]
-    return there, [candidate for candidate, _ in there.swung]
+    kept = _finite(_pursued(short, candidate, beta, beside, rounds) for _, candidate, beta in starts[:best])
+    others = [there for there in kept[1:] if not _alike(there, kept[0])]
+    ready = _finite(_pursued(search, *there.swung[0], beside, rounds) for there in [*kept[:1], *others[:1]])
+    return (ready[0], [candidate for candidate, _ in ready[0].swung]) if ready else None
+
+
+def _finite(found: Iterable[tuple[Search, float]]) -> list[Search]:
+    """Sort searches by what they leave; without those whose links would swing too far."""
+    return [there for there, left in sorted(found, key=lambda item: item[1]) if np.isfinite(left)]
 
 
 def _alike(a: Search, b: Search) -> bool:
@@ -88,6 +89,8 @@ def _pursued(
     coefficients = [beta, *search.fit(beside, scale).beta]
     for _ in range(rounds):
         search = search.at(change, list(zip(effects, coefficients, strict=True)))
+        if not search.problem.swings:
+            break
         fit = search.fit(effects, scale)
         left = _left(search, fit, beta)
         if left < best[1]:

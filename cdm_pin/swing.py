@@ -1,9 +1,9 @@
-"""A soft cable seen from its motor alone: the links swing on it, and all that loads the cable does so through it.
+r"""A soft cable seen from its motor alone: the links swing on it, and all that loads the cable does so through it.
 
 Motors say where cables begin. Where the links are follows from what the soft cable carries: with x its travel and
 b = -E e_i / s_i the joints' motion per travel,
 
-.. math::  K x + D \\dot x = C_i(q, \\dot q, \\ddot q),  \\qquad q = E q_m + b x,
+.. math::  K x + D \dot x = C_i(q, \dot q, \ddot q),  \qquad q = E q_m + b x,
 
 an oscillator that the motors drive. First-order columns, C_i / K, are those far below its resonance; here it is
 integrated, and whatever acts on the joints is passed on as its linearisation about that motion answers
@@ -82,7 +82,8 @@ class Swing:
 def swung(motion: Motion, cable: int, stiffness: float, damping: float, carried: Vector) -> Motion:
     """Give the motion of links that hang on one soft cable.
 
-    The first state of every stretch without gaps is that with which the motors' torques agree best.
+    The first state of every stretch without gaps is that with which the motors' torques agree best. As it is where the
+    links would swing further than any cable lets them.
 
     Parameters
     ----------
@@ -113,12 +114,13 @@ def swung(motion: Motion, cable: int, stiffness: float, damping: float, carried:
             own = _released(oscillator, parts, motion.rate)
             free = np.nan_to_num(np.einsum("kdn,dnm->knm", own, slopes))
         load = (moved.tau_m + carried)[:, cable] / scale - stiffness * x[0] - damping * x[1]
-        step = oscillate(oscillator, load, 1.0 / motion.rate)
-        step = _tame(step)
+        step = _tame(oscillate(oscillator, load, 1.0 / motion.rate))
         rest = np.nan_to_num(measured - moved.tau_m - np.einsum("dn,dnm->nm", step, slopes))
         states = np.linalg.lstsq(free[:, felt.valid].reshape(len(free), -1).T, rest[felt.valid].ravel(), rcond=None)[0]
-        x = _tame(x + step + np.tensordot(states, own, 1))
+        x = _tame(x + step + np.tensordot(np.asarray(states, float), own, 1))
     moved = _moved(motion, x, b)
+    if not np.isfinite(moved.tau_m).all() or np.abs(x[0]).max() > 0.999 * FARTHEST:
+        return motion
     return replace(moved, swing=Swing(cable, stiffness, damping, oscillator, slopes, x, free, motion))
 
 
@@ -184,12 +186,13 @@ def _integrate(oscillator, load, x, v, dt):
         e = np.exp(-a * dt)
         if d > 1e-12:
             o = np.sqrt(d)
-            co, si = np.cos(o * dt), np.sin(o * dt) / o
+            co, si = e * np.cos(o * dt), e * np.sin(o * dt) / o
         elif d < -1e-12:
             o = np.sqrt(-d)
-            co, si = np.cosh(o * dt), np.sinh(o * dt) / o
+            slow, fast = np.exp((o - a) * dt), np.exp(-(o + a) * dt)
+            co, si = 0.5 * (slow + fast), 0.5 * (slow - fast) / o
         else:
-            co, si = 1.0, dt
-        x = e * (y * co + (w + a * y) * si) + p + r * dt
-        v = e * (w * co - (a * w + wn2 * y) * si) + r
+            co, si = e, e * dt
+        x = y * co + (w + a * y) * si + p + r * dt
+        v = w * co - (a * w + wn2 * y) * si + r
     return out

@@ -150,7 +150,7 @@ def _accuracy(search: Search, fit: Fit) -> Vector:
     total = np.zeros(search.problem.n_channels)
     for candidate, beta in zip(fit.effects, fit.beta, strict=True):
         own = [np.tensordot(beta, columns, 1) for columns in search.columns(candidate)]
-        total += (candidate.effect.error * rms(search, own)) ** 2
+        total += (candidate.law_error(search.problem.motions[0]) * rms(search, own)) ** 2
     return np.sqrt(total)
 
 

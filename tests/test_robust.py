@@ -179,7 +179,7 @@ def test_what_failed_only_beside_another_stays(monkeypatch):
 def test_a_narrow_peak_of_static_friction_is_hardly_known():
     """Where the sign of the velocity is as smooth as the peak is wide, the peak may be any size."""
     place = joint_places(load_model("urdf/cdm2.yaml"))[0]
-    search = SimpleNamespace(problem=SimpleNamespace(kinematic=False))
+    search = SimpleNamespace(problem=SimpleNamespace(kinematic=False, motions=[SimpleNamespace(swing=None)]))
     values = {name: {"value": 1.0, "std": 1e-6} for name in ("coulomb", "stribeck", "stribeck_velocity")}
     for width, least, most in ((0.001, 0.0019, 0.003), (0.1, 0.9, 1.1)):
         fit = SimpleNamespace(

@@ -1,0 +1,160 @@
+"""Compliance that only motors see: the oscillator, what comes through it, play by leaps; both found in recordings."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from trials import loaded_trial
+
+from cdm_pin.diagnose import diagnose
+from cdm_pin.effects import CATALOGUE, Candidate, loaded, passed
+from cdm_pin.motion import leaping
+from cdm_pin.problem import make_problem
+from cdm_pin.swing import oscillate, swung
+
+SOFT = CATALOGUE["cable_elasticity"]
+
+
+@pytest.fixture(scope="module")
+def soft(tmp_path_factory):
+    """Draw an arm of two links whose first cable is soft, seen by its motors: resonance at 2.4 Hz, in the band."""
+    return loaded_trial(
+        tmp_path_factory.mktemp("soft"),
+        8706,
+        effects=["cable_elasticity"],
+        positions="motor",
+        bits=17,
+        at_least=50.0,
+    )
+
+
+@pytest.fixture(scope="module")
+def motion(soft):
+    model, runs, _, _ = soft
+    return make_problem(model, runs).motions[0]
+
+
+def hung(motion, stiffness=90.0, damping=0.3):
+    """Give the motion on a soft first cable."""
+    place = SOFT.places(motion.model)[0]
+    beta = np.array([1.0 / stiffness, damping / stiffness**2])
+    return loaded(motion, [(Candidate(SOFT, place), beta)]), Candidate(SOFT, place), beta
+
+
+def without_free_swings(torque, swing, valid):
+    """Take from torques, (n, n_motors), what first states could make of them."""
+    A = swing.free[:, valid].reshape(len(swing.free), -1).T
+    y = torque[valid].ravel()
+    return y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
+
+
+def test_oscillator_follows_a_load_like_a_general_integrator():
+    dt, t = 0.005, np.arange(0.0, 6.0, 0.005)
+    mass, load = (lambda u: 0.3 + 0.1 * np.sin(u)), (lambda u: 3 + 2 * np.sin(5 * u) + np.cos(11 * u))
+    x = oscillate(np.stack([np.full_like(t, 120.0), np.full_like(t, 0.4), mass(t)]), load(t), dt)
+    known = solve_ivp(
+        lambda u, y: [y[1], (load(u) - 0.4 * y[1] - 120.0 * y[0]) / mass(u)],
+        (0.0, 6.0),
+        [load(0.0) / 120.0, 0.0],
+        t_eval=t,
+        rtol=1e-9,
+        atol=1e-12,
+    ).y
+    np.testing.assert_allclose(x[:2], known, atol=4e-4 * np.abs(known).max())
+    np.testing.assert_allclose(mass(t) * x[2] + 0.4 * x[1] + 120.0 * x[0], load(t), atol=1e-9)
+
+
+@pytest.mark.parametrize("damping", [1e-3, 12.0, 1e5])
+def test_oscillator_takes_any_damping(damping):
+    t = np.arange(0.0, 2.0, 0.005)
+    x = oscillate(
+        np.stack([np.full_like(t, 120.0), np.full_like(t, damping), np.full_like(t, 0.3)]), 1.2 + 0 * t, 0.005
+    )
+    np.testing.assert_allclose(x, np.outer([0.01, 0.0, 0.0], np.ones_like(t)), atol=1e-9)  # it rests
+
+
+def test_links_hang_where_the_cable_carries_them(motion):
+    moved, _, _ = hung(motion)
+    x, valid = moved.swing.travel, motion.felt.valid
+    carried = moved.tau_m[:, 0] / motion.model.arm_scale[0]
+    left = (90.0 * x[0] + 0.3 * x[1] - carried)[valid]
+    assert np.std(left) < 2e-3 * np.std(carried)
+    b = -motion.model.joint_from_motor[:, 0] / motion.model.arm_scale[0]
+    np.testing.assert_allclose(moved.q - motion.q, np.outer(x[0], b), atol=1e-12)
+    assert loaded(moved, []).swing is None  # and come back when the cable is rigid again
+    np.testing.assert_array_equal(loaded(moved, []).q, motion.q)
+
+
+def test_what_loads_the_cable_comes_through_as_a_small_load_does(motion):
+    moved, _, _ = hung(motion)
+    push = np.outer(np.sin(9.0 * motion.time), [1.0, 0.4])  # near the resonance
+    eps, valid, torques = 1e-3, motion.felt.valid, []
+    for sign in (1.0, -1.0):
+        there = swung(motion, 0, 90.0, 0.3, sign * eps * push)
+        torques.append(there.tau_m + sign * eps * push)
+    known = without_free_swings((torques[0] - torques[1]) / (2 * eps), moved.swing, valid)
+    own = without_free_swings(passed(push[..., None], moved)[..., 0], moved.swing, valid)
+    assert np.linalg.norm(own - known) < 0.01 * np.linalg.norm(known)
+    still = without_free_swings(push, moved.swing, valid)
+    assert np.linalg.norm(own - still) > 0.3 * np.linalg.norm(still)  # it swings
+
+
+def test_columns_of_the_soft_cable_are_derivatives_of_what_its_motion_asks_for(motion):
+    moved, candidate, beta = hung(motion)
+    columns = candidate.columns(moved).torque
+    valid = motion.felt.valid
+    for k, step in enumerate(1e-3 * beta):
+        torques = []
+        for sign in (1.0, -1.0):
+            changed = beta + sign * step * np.eye(2)[k]
+            torques.append(loaded(motion, [(candidate, changed)]).tau_m)
+        known = without_free_swings((torques[0] - torques[1]) / (2 * step), moved.swing, valid)
+        own = without_free_swings(columns[..., k], moved.swing, valid)
+        assert np.linalg.norm(own - known) < 0.02 * np.linalg.norm(known)
+
+
+def test_a_resonance_in_the_band_is_told_from_the_motors_alone(soft):
+    model, runs, unseen, truth = soft
+    content = diagnose(model, runs, unseen).content
+    (finding,) = content["findings"]
+    assert (finding["effect"], finding["location"]) == ("cable_elasticity", {"kind": "cable", "index": 1})
+    known = truth["effects"][0]["parameters"]
+    assert finding["parameters"]["stiffness"]["value"] == pytest.approx(known["stiffness"], rel=0.02)
+    fit = content["fit"]["holdout"]
+    assert np.all(np.array(fit["rmse_augmented"]) < 1.2 * np.array(fit["noise_floor"]))
+
+
+def played(lag=0.0, gap=0.01):
+    """Let a motor leap through its play where the torque changes sign; the torque is late by `lag` [s]."""
+    t = np.arange(0.0, 20.0, 0.005)
+    torque = lambda u: 3.0 * np.sin(1.3 * u) + 1.5 * np.sin(2.9 * u + 0.4)  # noqa: E731
+    side = np.tanh(torque(t) / 0.02)
+    noise = 1e-5 * np.random.default_rng(3).standard_normal(len(t))
+    return torque(t - lag), np.sin(0.9 * t) + gap * side + noise, side
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.03, -0.05])
+def test_play_changes_sides_when_the_motor_leaps(lag):
+    torque, position, side = played(lag)
+    inner = slice(100, -100)
+    own = leaping(torque, position, 0.02, 200.0)
+    assert np.sqrt(np.mean((own - side)[inner] ** 2)) < 0.03
+    if lag:
+        assert np.sqrt(np.mean((np.tanh(torque / 0.02) - side)[inner] ** 2)) > 0.2
+
+
+def test_play_stays_with_the_torque_where_nothing_leaps():
+    torque, position, side = played(0.0, gap=0.0)
+    np.testing.assert_allclose(leaping(torque, position, 0.02, 200.0), side, atol=1e-12)
+
+
+def test_play_is_told_from_the_motors_alone(tmp_path):
+    model, runs, unseen, truth = loaded_trial(
+        tmp_path, 8704, effects=["backlash"], positions="motor", bits=17, at_least=50.0
+    )
+    content = diagnose(model, runs, unseen).content
+    (finding,) = content["findings"]
+    assert (finding["effect"], finding["location"]) == ("backlash", truth["effects"][0]["location"])
+    gap = truth["effects"][0]["parameters"]["half_gap"]
+    assert finding["parameters"]["half_gap"]["value"] == pytest.approx(gap, rel=0.05)
+    fit = content["fit"]["holdout"]
+    assert np.all(np.array(fit["rmse_augmented"]) < 1.2 * np.array(fit["noise_floor"]))
