@@ -136,8 +136,8 @@ def diagnose(
     first = explain(search.with_drift(), progress)
     if first.search.is_swamped(first.fit):
         first = explain(search, progress)
-    first = _swinging(Search(problem, base, settings), first, progress)
     seen = make_problem(model, unseen, problem.band) if unseen else None
+    first = _swinging(Search(problem, base, settings), seen, first, progress)
     judge, explanation = _validated(seen, first)
     named = [f.candidate.key for f in first.found if f.candidate.named]
     if named and not explanation.found:  # another explanation may have been second to those that were withdrawn
@@ -150,10 +150,13 @@ def diagnose(
     return _report(model, judge, explanation, (bool(lost) or rough) and not first.everywhere)
 
 
-def _swinging(search: Search, first: Explanation, progress: ProgressCallback | None) -> Explanation:
+def _swinging(
+    search: Search, seen: Problem | None, first: Explanation, progress: ProgressCallback | None
+) -> Explanation:
     """Explain the recordings by links that swing on a soft cable, where only motors are measured and that is likelier.
 
-    It is looked at only where something of that kind was found, or no law explains what is left.
+    It is looked at only where something of that kind was found, or no law explains what is left; and it has to predict
+    unseen recordings as well.
     """
     if any(motion.felt is None for motion in search.problem.motions) or first.everywhere:
         return first
@@ -168,14 +171,24 @@ def _swinging(search: Search, first: Explanation, progress: ProgressCallback | N
         return first
     there, effects = soft
     again = explain(there.with_drift(effects), progress, start=effects)
-    return again if again.found and _likelihood(again) > _likelihood(first) else first
+    likely = [_likelihood(e.search, [f.candidate for f in e.found]) for e in (first, again)]
+    if not again.found or likely[1] < likely[0]:
+        return first
+    if seen is not None:
+        judges = [_judge(seen, e) for e in (first, again)]
+        rests = [
+            rms(judge, judge.still(errors(judge, e.fit.base, e.fit.effects, e.fit.beta)))
+            for judge, e in zip(judges, (first, again), strict=True)
+        ]
+        if np.mean((rests[1] / np.maximum(rests[0], 1e-12)) ** 2) > 1.0:
+            return first
+    return again
 
 
-def _likelihood(explanation: Explanation) -> float:
-    """Give the log-likelihood of an explanation in the noise that suits it best, less half of BIC's penalty."""
-    search, effects = explanation.search, [f.candidate for f in explanation.found]
-    size = search.size(*effects) + len(search.problem.states[0])
-    return log_likelihood(search.noise(effects), search.problem.segments) - 0.5 * np.log(explanation.fit.n_rows) * size
+def _likelihood(search: Search, effects: Sequence[Candidate]) -> float:
+    """Give the log-likelihood of effects in the noise that suits them best, less half of BIC's penalty."""
+    noise, size = search.noise(effects), search.size(*effects) + len(search.problem.states[0])
+    return log_likelihood(noise, search.problem.segments) - 0.5 * np.log(search.fit(effects, noise).n_rows) * size
 
 
 def _validated(seen: Problem | None, explanation: Explanation) -> tuple[Search | None, Explanation]:
@@ -390,10 +403,12 @@ def _carries(judge: Search, explanation: Explanation, j: int) -> bool:
 
 def _fit_content(search: Search, rigid: Fit, fit: Fit, judged: Search) -> dict[str, Any]:
     m = search.problem.model.n_motors
+    rest = errors(judged, fit.base, fit.effects, fit.beta)
+    drift = [a - b for a, b in zip(rest, judged.still(rest), strict=True)]  # noise, too, where zeros were seen to drift
     return {
-        "rmse_rigid": rms(judged, errors(judged, rigid.base, (), ()))[:m].tolist(),
-        "rmse_augmented": rms(judged, errors(judged, fit.base, fit.effects, fit.beta))[:m].tolist(),
-        "noise_floor": noise_floor(judged, fit.effects)[:m].tolist(),
+        "rmse_rigid": rms(judged, errors(judged.stiff, rigid.base, (), ()))[:m].tolist(),
+        "rmse_augmented": rms(judged, rest)[:m].tolist(),
+        "noise_floor": np.hypot(noise_floor(judged, fit.effects), rms(judged, drift))[:m].tolist(),
     }
 
 
@@ -405,7 +420,7 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
         named = [j for j in named if fi.is_sure(model, explanation.found[j], patches)]
     named.sort(key=lambda j: -explanation.found[j].score.statistic)
     covariance, betas, shapes = fi.joint_covariance(search, fit)
-    own_rigid = search.fit([])
+    own_rigid = search.stiff.fit([])
     stated = {}
     fitted: dict[int, dict[str, Any]] = {}
     for j in named:
@@ -511,20 +526,24 @@ def _finding(
     search: Search, judge: Search | None, explanation: Explanation, j: int, values: dict[str, Any]
 ) -> dict[str, Any]:
     found, fit = explanation.found[j], explanation.fit
-    reduction = None
-    if judge is not None:
-        without = search.without(fit, j)
-        level = np.maximum(rms(judge, errors(judge, fit.base, fit.effects, fit.beta)), 1e-12)
-        after, before = (_weighted(judge, errors(judge, f.base, f.effects, f.beta), level) for f in (fit, without))
+    candidate, reduction, delta_bic = found.candidate, None, fi.refit_gain(found)
+    without, there = search.without(fit, j), judge
+    if candidate.is_swinging(search.problem.motions[0]):  # its columns say nothing of a cable that is rigid
+        others = list(without.effects)
+        without, there = search.stiff.fit(others), judge.stiff if judge is not None else None
+        delta_bic = 2 * (_likelihood(search, fit.effects) - _likelihood(search.stiff, others))
+    if judge is not None and there is not None:
+        rests = [errors(s, f.base, f.effects, f.beta) for s, f in ((judge, fit), (there, without))]
+        level = np.maximum(rms(judge, rests[0]), 1e-12)
+        after, before = (_weighted(judge, rest, level) for rest in rests)
         reduction = 1 - float(np.sqrt(after / before))
-    candidate = found.candidate
     time = [candidate.shape[0], candidate.shape[1]] if candidate.effect.name == "external_torque" else None
     item = {
         "effect": candidate.effect.name,
         "location": candidate.location,
         "parameters": {k: v for k, v in values.items() if k not in ("start", "end")},
         "evidence": {
-            "delta_bic": fi.refit_gain(found),
+            "delta_bic": delta_bic,
             "log10_p": found.log_p / np.log(10),
             "holdout_rmse_reduction": reduction,
         },

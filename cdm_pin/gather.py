@@ -17,7 +17,7 @@ def gather(diagnosis: Diagnosis) -> Evidence:
     explanation, search = diagnosis.explanation, diagnosis.search
     if explanation is None or search is None:
         return Evidence()
-    rigid = search.fit([])
+    rigid = search.stiff.fit([])
     runs = _runs(search, rigid, explanation.fit, False)
     if diagnosis.holdout is not None:
         runs += _runs(diagnosis.holdout, rigid, explanation.fit, True)
@@ -51,7 +51,7 @@ def _listed(diagnosis: Diagnosis, explanation: Explanation) -> list[Found | None
 def _runs(search: Search, rigid: Fit, fit: Fit, holdout: bool) -> list[RunEvidence]:
     problem = search.problem
     m, step = problem.model.n_motors, problem.band.step
-    before = errors(search, rigid.base, (), ())
+    before = errors(search.stiff, rigid.base, (), ())
     after = errors(search, fit.base, fit.effects, fit.beta)
     out = []
     for r, run in enumerate(problem.runs):

@@ -4,7 +4,8 @@ Each window starts in the recorded state and is driven by the recorded torque al
 the distance that builds up within the horizon. Effects of the model run forward: friction sticks, hysteresis remembers,
 springs and rotors follow the simulated motion. Levels of friction that depend on load, position or time are those of
 the recorded state. Effects that move joints and motors apart (elastic cables, backlash, slack, wrong ratios), tilt and
-encoder offsets enter as their first-order torque along the record; `Replay.along_record` names them.
+encoder offsets enter as their first-order torque along the record; `Replay.along_record` names them. Links on a soft
+cable behind measured motors are where they swing along the record.
 """
 
 from __future__ import annotations

@@ -291,6 +291,11 @@ class Search:
         search._cache = {key: value for key, value in self._cache.items() if not key[3]}
         return search
 
+    @cached_property
+    def stiff(self) -> Search:
+        """The same search as if no cable were soft; itself where none is."""
+        return self.at(np.zeros(len(self.base.columns)), []) if self.problem.swings else self
+
     def renewed(self, bank: Bank) -> Bank:
         """Compute those columns of a bank anew that depend on the torques of the body and of other effects."""
         if self.problem.hung != bank.hung:
