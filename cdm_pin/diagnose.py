@@ -14,7 +14,7 @@ from .base import base_parameters, massive_columns
 from .consistency import nearest_standard
 from .effects import STOPS, Candidate
 from .everywhere import agreements, confirmed
-from .explain import Explanation, Found, asked_but_for_laws, explain, explained, is_loud, patch, settled
+from .explain import Explanation, Found, asked_but_for_laws, explain, explained, is_loud, patch, settled, tied
 from .geometry import Manipulator, Vector, frozen_array
 from .model import CableModel
 from .next_experiment import Experiment, plan_next
@@ -141,7 +141,7 @@ def diagnose(
     judge, explanation = _validated(seen, first)
     named = [f.candidate.key for f in first.found if f.candidate.named]
     if named and not explanation.found:  # another explanation may have been second to those that were withdrawn
-        there, again = _validated(seen, explain(first.search, progress, frozenset(named)))
+        there, again = _validated(seen, explain(first.search.stiff, progress, frozenset(named)))
         if again.found and not {f.candidate.effect.name for f in again.found} & {name for name, _ in named}:
             judge, explanation = there, again
     lost = [f for f in first.found if f.candidate not in explanation.fit.effects and is_loud(f.score)]
@@ -171,8 +171,10 @@ def _swinging(
         return first
     there, effects = soft
     again = explain(there.with_drift(effects), progress, start=effects)
+    if not any(f.candidate.is_swinging(again.search.problem.motions[0]) for f in again.found):
+        return first
     likely = [_likelihood(e.search, [f.candidate for f in e.found]) for e in (first, again)]
-    if not again.found or likely[1] < likely[0]:
+    if likely[1] < likely[0]:
         return first
     if seen is not None:
         judges = [_judge(seen, e) for e in (first, again)]
@@ -187,7 +189,7 @@ def _swinging(
 
 def _likelihood(search: Search, effects: Sequence[Candidate]) -> float:
     """Give the log-likelihood of effects in the noise that suits them best, less half of BIC's penalty."""
-    noise, size = search.noise(effects), search.size(*effects) + len(search.problem.states[0])
+    noise, size = search.noise(effects), search.size(*effects) + len(search.problem.states[0]) + search.n_rigid
     return log_likelihood(noise, search.problem.segments) - 0.5 * np.log(search.fit(effects, noise).n_rows) * size
 
 
@@ -201,13 +203,14 @@ def _validated(seen: Problem | None, explanation: Explanation) -> tuple[Search |
     more = _seconded(judge, explanation)
     if more is not explanation:
         judge = _judge(seen, more)
-    return judge, _judged(judge, more)
+    left = _judged(judge, more)
+    return _tied(judge, left), left
 
 
 def _judge(seen: Problem, explanation: Explanation) -> Search:
     """Give the search on the unseen recordings, about the model of an explanation."""
     search, fit = explanation.search, explanation.fit
-    pairs = list(zip(fit.effects, fit.beta, strict=True))
+    pairs = [(c, c.admissible(beta)) for c, beta in zip(fit.effects, fit.beta, strict=True)]
     return search.judge(seen.with_model(search.problem.model).with_loads(pairs), pairs)
 
 
@@ -236,14 +239,15 @@ def _judged(judge: Search, explanation: Explanation) -> Explanation:
 
     One at a time, first that without which they are likeliest: the others may have failed, or helped, only beside it.
     """
-    search, withdrawn, patched = explanation.search, False, False
-    for _ in range(2 * search.settings.most):
+    withdrawn, patched = False, False
+    for _ in range(2 * explanation.search.settings.most):
         before, explanation = explanation, _reconsidered(judge, explanation)
         if explanation is not before:
             effects = [f.candidate for f in explanation.found]
-            more = patch(search, explanation.bank, effects)
+            more = patch(explanation.search, explanation.bank, effects)
             if more is not None and all(c in more for c in effects):
-                explanation = explained(search, explanation.bank, more)
+                explanation = explained(explanation.search, explanation.bank, more)
+        judge, search = _tied(judge, explanation), explanation.search
         failing = [j for j in range(len(explanation.found)) if not _helps(judge, explanation, j)]
         if failing:
             worst = min(failing, key=lambda j: deviance_unseen(judge, search.without(explanation.fit, j)))
@@ -256,6 +260,12 @@ def _judged(judge: Search, explanation: Explanation) -> Explanation:
             break
         explanation, patched = explained(search, explanation.bank, more), True
     return explanation
+
+
+def _tied(judge: Search, explanation: Explanation) -> Search:
+    """Give the search on the unseen recordings with rigid cables where an explanation has let go of a soft one."""
+    swings = judge is not None and judge.problem.swings
+    return judge.stiff if swings and not explanation.search.problem.swings else judge
 
 
 def _weighed(judge: Search | None, explanation: Explanation) -> Explanation:
@@ -342,13 +352,14 @@ def _insufficient(problem: Problem, reason: str) -> dict[str, Any]:
 
 def _restricted(explanation: Explanation, found: Sequence[Found]) -> Explanation:
     """Give the explanation with only these findings, fitted anew."""
-    search = explanation.search
+    search = tied(explanation.search, [f.candidate for f in found])
     fit = search.fit([f.candidate for f in found])
     rigid = search.fit([], fit.whitener)
     renewed = []
     for j, f in enumerate(found):
         renewed.append(replace(f, score=search.score(search.without(fit, j), f.candidate)))
-    return Explanation(tuple(renewed), fit, rigid, explanation.bank, search, explanation.everywhere)
+    bank = explanation.bank if search is explanation.search else search.renewed(explanation.bank)
+    return Explanation(tuple(renewed), fit, rigid, bank, search, explanation.everywhere)
 
 
 def _weighted(search: Search, errors: Sequence[Vector], level: Vector) -> float:
@@ -368,6 +379,11 @@ def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
     if fit.effects[j].effect.name in ONCE:
         return True
     without = explanation.search.without(fit, j)
+    if fit.effects[j].is_swinging(explanation.search.problem.motions[0]):  # its columns say nothing of a rigid cable
+        rigid = explanation.search.stiff.fit(list(without.effects))
+        level = np.maximum(noise_floor(judge, fit.effects), 1e-12)
+        rest = judge.still(errors(judge.stiff, rigid.base, rigid.effects, rigid.beta))
+        return _plain(judge, fit)[0] < _weighted(judge, rest, level)
     with_it, without_it = _plain(judge, fit, without)
     if with_it < CARRIED * without_it:
         return True

@@ -717,8 +717,11 @@ def _backlash(motion: Motion, place: Place, shape: Shape) -> Columns:
     from .signals_filters import differentiate
 
     i, model = place.index[0], motion.model
+    rotor = np.eye(model.n_motors)[i] * model.rotor_inertia[i] / model.arm_scale[i]
     if motion.joints_measured:
-        return _moved(motion, np.tanh(motion.cable_torque[:, i] / shape[0]), i, None)
+        seen = _moved(motion, np.tanh(motion.cable_torque[:, i] / shape[0]), i, None)
+        zero = np.zeros((motion.n, model.n_motors, 1))
+        return _stack([seen, Columns(zero, zero)]) if rotor.any() and seen.kinematic is not None else seen
     if motion.felt is not None:
         side = motion.felt_side(i, shape[0])
     else:
@@ -727,7 +730,6 @@ def _backlash(motion: Motion, place: Place, shape: Shape) -> Columns:
     along = -model.joint_from_motor[:, i] / model.arm_scale[i]
     d, *rates = (x[:, None] * along for x in side)
     felt = motion.midway.torque_change(d, (rates[0], rates[1]))
-    rotor = np.eye(model.n_motors)[i] * model.rotor_inertia[i] / model.arm_scale[i]
     parts = [felt, np.outer(side[2], -rotor)] if rotor.any() else [felt]
     return Columns(np.asarray(np.stack(parts, axis=-1), float))
 
@@ -1660,16 +1662,16 @@ def torque_of(columns: Columns, beta: Vector, shape: tuple[int, ...]) -> Vector:
     return np.zeros(shape)
 
 
-def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motion:
+def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]], *, swings: bool = True) -> Motion:
     """Give the motion with the torques that effects bring, for those other effects that depend on them.
 
-    Where only motors are measured and a cable is soft, the links swing on it.
+    Where only motors are measured and a cable is soft, the links swing on it, unless `swings` forbids it.
     """
     if motion.swing is not None:
         motion = replace(motion.swing.still, model=motion.model)
     motion = _loaded(motion, effects)
     soft = [(c.place.index[0], b) for c, b in effects if c.effect.name == "cable_elasticity" and b[0] > 0.0]
-    if motion.felt is None or not soft:
+    if motion.felt is None or not soft or not swings:
         return motion
     from .swing import swung
 
@@ -1678,7 +1680,7 @@ def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motio
     carried = motion.driven_torque - motion.tau_m
     if motion.extra_driven is not None:
         carried = carried + motion.extra_driven
-    moved = swung(motion, cable, stiffness, float(beta[1]) * stiffness**2, carried)
+    moved = swung(motion, cable, stiffness, max(float(beta[1]), 0.0) * stiffness**2, carried)
     return motion if moved.swing is None else _loaded(moved, effects)
 
 

@@ -156,6 +156,7 @@ def settled(search: Search, accepted: list[Candidate], rounds: int = 2) -> tuple
 
     Where columns depend on what is estimated, that takes as many rounds as it changes by more than its errors.
     """
+    search = tied(search, accepted)
     if accepted:
         search, accepted = _in_turn(search, accepted, rounds=rounds)
         for _ in range(4 if any(c.effect.follows and not c.effect.exact for c in accepted) else 0):
@@ -165,6 +166,13 @@ def settled(search: Search, accepted: list[Candidate], rounds: int = 2) -> tuple
                 break
         search = search.about(search.fit(accepted))
     return search, accepted
+
+
+def tied(search: Search, accepted: Sequence[Candidate]) -> Search:
+    """Give the search with all cables rigid if the soft one, on which the links swing, is not among some effects."""
+    if any(c.is_swinging(search.problem.motions[0]) for c in accepted):
+        return search
+    return search.stiff
 
 
 def _has_moved(before: Fit, after: Fit, least: float = 0.3) -> bool:
@@ -297,6 +305,8 @@ def unnamed(search: Search, bank: Bank, accepted: list[Candidate]) -> Candidate 
 
 def explained(search: Search, bank: Bank, accepted: list[Candidate]) -> Explanation:
     """Fit a set of effects and set each against its rivals."""
+    search = tied(search, accepted)
+    bank = search.renewed(bank) if search.problem.hung != bank.hung else bank
     fit = search.fit(accepted)
     rigid = search.fit([], fit.whitener)
     found = tuple(_compare(search, bank, accepted, j) for j in range(len(accepted)))

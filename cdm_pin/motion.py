@@ -70,22 +70,26 @@ def leaping(torque: Vector, position: Vector, width: float, rate: float, near: f
     -------
     ndarray, shape (n,)
     """
-    reach = max(int(near * rate), 2)
+    step = max(1, round(rate / 250.0))  # of samples that are compared
+    reach = step * max(int(near * rate / step), 2)
     crossings = np.flatnonzero(np.diff(np.sign(torque)))
     crossings = crossings[(crossings >= 3 * reach) & (crossings < len(torque) - 3 * reach)]
-    shifts, fall = _shifts(np.tanh(torque / width), position, crossings, reach)
-    sure = fall > 0.8
+    shifts, share = _shifts(np.tanh(torque / width), position, crossings, reach, step)
+    sure = share > 0.8
     if not sure.any():
         return np.tanh(torque / width)
     t = np.arange(len(torque), dtype=float)
     side = np.tanh(np.interp(t - np.interp(t, crossings[sure], shifts[sure]), t, torque) / width)
-    return _leapt(side, position, np.round(crossings[sure] + shifts[sure]).astype(int))
+    return _leapt(side, position, np.round(crossings[sure] + shifts[sure]).astype(int), rate)
 
 
-def _leapt(side: Vector, position: Vector, crossings: np.ndarray, flank: int = 10, most: int = 16) -> Vector:
+def _leapt(side: Vector, position: Vector, crossings: np.ndarray, rate: float) -> Vector:
     """Give the side while it changes as the position says: how far it is between cubic polynomials a step apart."""
+    flank, most = max(round(0.05 * rate), 6), max(round(0.08 * rate), 8)
     out, between = side.copy(), np.abs(side) < 0.99
     for k in crossings:
+        if k < most + flank + 2 or k >= len(side) - most - flank - 2:
+            continue
         low, high = k, k + 1
         while k - low < most and between[low - 1]:
             low -= 1
@@ -93,7 +97,7 @@ def _leapt(side: Vector, position: Vector, crossings: np.ndarray, flank: int = 1
             high += 1
         low, high = low - 2, high + 2
         part = np.arange(low - flank, high + flank)
-        if k - low >= most or high - k >= most or part[0] < 0 or part[-1] >= len(side):
+        if k - low >= most or high - k >= most:
             continue
         t = (part - k) / flank
         X = np.stack([t**0, t, t**2, t**3, np.sign(side[part])], axis=1)
@@ -107,36 +111,38 @@ def _leapt(side: Vector, position: Vector, crossings: np.ndarray, flank: int = 1
 
 
 @numba.njit(cache=True)
-def _shifts(side, position, crossings, reach):
+def _shifts(side, position, crossings, reach, step):
     """Find by how many samples each change of side has to move, and which share of what a cubic leaves it explains."""
     half = 2 * reach
-    basis = np.empty((4, 2 * half + 1))
+    n = 2 * half // step + 1
+    basis = np.empty((4, n))
     for d in range(4):
-        for k in range(2 * half + 1):
-            basis[d, k] = ((k - half) / half) ** d
+        for k in range(n):
+            basis[d, k] = ((k * step - half) / half) ** d
         for e in range(d):
             basis[d] -= (basis[e] @ basis[d]) * basis[e]
         basis[d] /= np.sqrt(basis[d] @ basis[d])
     shifts, share = np.zeros(len(crossings)), np.zeros(len(crossings))
     for m in range(len(crossings)):
         k = crossings[m]
-        x = position[k - half : k + half + 1].copy()
+        x = position[k - half : k + half + 1 : step].copy()
         for d in range(4):
             x -= (basis[d] @ x) * basis[d]
-        whole, found = max(x @ x, 1e-300), np.zeros(2 * reach + 1)
-        for j in range(-reach, reach + 1):
-            y = side[k - half - j : k + half + 1 - j].copy()
+        whole, found = max(x @ x, 1e-300), np.zeros(2 * reach // step + 1)
+        for s in range(len(found)):
+            j = s * step - reach
+            y = side[k - half - j : k + half + 1 - j : step].copy()
             for d in range(4):
                 y -= (basis[d] @ y) * basis[d]
             own, along = y @ y, x @ y
             if own > 1e-12 and along > 0.0:
-                found[j + reach] = along**2 / own / whole
+                found[s] = along**2 / own / whole
         best = np.argmax(found)
-        shifts[m], share[m] = best - reach, found[best]
-        if 0 < best < 2 * reach:
+        shifts[m], share[m] = best * step - reach, found[best]
+        if 0 < best < len(found) - 1:
             bend = 2.0 * found[best] - found[best - 1] - found[best + 1]
             if bend > 0.0:
-                shifts[m] += 0.5 * (found[best + 1] - found[best - 1]) / bend
+                shifts[m] += 0.5 * step * (found[best + 1] - found[best - 1]) / bend
     return shifts, share
 
 

@@ -234,7 +234,11 @@ class Problem:
 
     def with_loads(self, effects: Sequence[tuple[Candidate, Vector]]) -> Problem:
         """Give the same problem with the torques that these effects bring in the motions."""
-        return replace(self, runs=tuple(replace(run, motion=loaded(run.motion, effects)) for run in self.runs))
+        motions = [loaded(motion, effects) for motion in self.motions]
+        swing = [motion.swing is not None for motion in motions]
+        if any(swing) and not all(swing):  # all or none: one bank of columns is for all of them
+            motions = [loaded(motion, effects, swings=False) for motion in self.motions]
+        return replace(self, runs=tuple(replace(run, motion=m) for run, m in zip(self.runs, motions, strict=True)))
 
 
 def make_problem(model: CableModel, recordings: Sequence[Recording], band: Band | None = None) -> Problem:
@@ -393,6 +397,8 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
     if model.manipulator.effects:
         push, stated = added(motion)
         channels = [torques - push for torques in channels]
+        if motion.felt is not None:
+            motion = replace(motion, felt=replace(motion.felt, torque=channels[0]))
     run = Run(signals, motion, np.concatenate([*channels, np.zeros((motion.n, 0))], axis=1).T)
     if not kinematic:
         return run

@@ -12,6 +12,7 @@ from .errors import CdmError
 from .geometry import Manipulator
 from .measured import measured_torques
 from .model import CableModel, build_model
+from .motion import Motion
 from .replay import MOST, Replay
 from .replay import replay as run_again
 from .selection import Fit, Search, updated_model
@@ -55,7 +56,7 @@ def replay_runs(
         run_again(
             plain,
             whole,
-            run.motion,
+            _where_links_are(run.motion),
             measured_torques(plain, run.signals.logged),
             run.signals.valid,
             horizon=horizon,
@@ -65,6 +66,11 @@ def replay_runs(
         for run in judged.problem.runs
     ]
     return tuple(each for each in found if each is not None)
+
+
+def _where_links_are(motion: Motion) -> Motion:
+    """Take links that swing on a soft cable as if their joints had been measured."""
+    return motion if motion.swing is None else replace(motion, swing=None, felt=None, joints_measured=True)
 
 
 def _moving(search: Search, fit: Fit, completed: Manipulator) -> CableModel:

@@ -383,7 +383,7 @@ class Search:
     def judge(self, problem: Problem, effects: Sequence[tuple[Candidate, Vector]]) -> Search:
         """Give a search on recordings that this one has not seen, with the same columns; their zeros are not known."""
         judge = Search(problem, self.base, self.settings, self.held)
-        judge.swung = effects if problem.swings else []
+        judge.swung = list(effects) if problem.swings else []
         if self.drift is not None:
             shape = len(self.drift[0]), problem.n_channels
             judge.drift = [np.zeros((*shape, data.shape[2])) for data in problem.data]
@@ -614,7 +614,7 @@ class Search:
                 "pulley_eccentricity",
                 "encoder_offset",
             )
-        candidates = [*self.common, *all_candidates(self.problem, names), *tones(self)]
+        candidates = [*self.common, *all_candidates(self.problem, names), *tones(self, [c for c, _ in self.swung])]
         parts = [self.columns(c) for c in candidates]
         own = self.unshared
         return [np.concatenate([own[r], *[columns[r] for columns in parts]]) for r in range(len(self.rigid))]

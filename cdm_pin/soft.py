@@ -68,6 +68,8 @@ def _starts(problem: Problem, cable: int) -> list[Vector]:
     motion = problem.motions[0]
     load = max(float(np.quantile(np.abs(m.cable_torque[:, cable]), 0.99)) for m in problem.motions)
     mass = _inertia(motion, cable)
+    if not (mass > 0.0 and load > 0.0):
+        return []
     least = max(load / FARTHEST, mass * (2 * np.pi) ** 2)
     count = 1 + int(max(np.log(2.0 * problem.band.cutoff * 2 * np.pi / np.sqrt(least / mass)), 0.0) / np.log(RATIO))
     out = []
@@ -111,16 +113,19 @@ def _left(search: Search, fit: Fit, beta: Vector) -> float:
 
 
 def _shortened(problem: Problem) -> Problem:
-    """Give the problem of the first part of the first recording alone."""
-    run = problem.runs[0]
-    n = min(run.motion.n, int(ENOUGH * run.motion.rate))
-    n -= n % problem.band.step
+    """Give the problem of the first part of the longest stretch without gaps alone."""
+    stretches = [max(own, key=lambda s: s[1] - s[0], default=(0, 0)) for own in problem.segments]
+    longest = int(np.argmax([stop - start for start, stop in stretches]))
+    run, (start, stop), step = problem.runs[longest], stretches[longest], problem.band.step
+    margin = len(problem.band.taps) // 2
+    first = max(start * step - margin, 0)
+    part = slice(first, min(first + int(ENOUGH * run.motion.rate), stop * step + margin))
     felt = run.motion.felt
     assert felt is not None
-    felt = replace(felt, torque=felt.torque[:n], position=felt.position[:n], valid=felt.valid[:n])
-    motion = replace(run.motion, **{name: getattr(run.motion, name)[:n] for name in FIELDS}, felt=felt)
-    signals = replace(run.signals, time=run.signals.time[:n], valid=run.signals.valid[:n])
-    return replace(problem, runs=(replace(run, signals=signals, motion=motion, data=run.data[:, :n]),))
+    felt = replace(felt, torque=felt.torque[part], position=felt.position[part], valid=felt.valid[part])
+    motion = replace(run.motion, **{name: getattr(run.motion, name)[part] for name in FIELDS}, felt=felt)
+    signals = replace(run.signals, time=run.signals.time[part], valid=run.signals.valid[part])
+    return replace(problem, runs=(replace(run, signals=signals, motion=motion, data=run.data[:, part]),))
 
 
 def _inertia(motion: Motion, cable: int) -> float:

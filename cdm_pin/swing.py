@@ -101,6 +101,8 @@ def swung(motion: Motion, cable: int, stiffness: float, damping: float, carried:
     if motion.extra_motor is not None:
         measured = measured - motion.extra_motor
     parts = sorted(stretches(felt.valid), key=lambda s: s[0] - s[1])[:LONGEST]
+    if not parts:
+        return motion
     x = np.zeros((3, motion.n))
     moved, slopes, oscillator, own, free = motion, *np.zeros((4, 0))
     for k in range(ROUNDS):
@@ -119,7 +121,7 @@ def swung(motion: Motion, cable: int, stiffness: float, damping: float, carried:
         states = np.linalg.lstsq(free[:, felt.valid].reshape(len(free), -1).T, rest[felt.valid].ravel(), rcond=None)[0]
         x = _tame(x + step + np.tensordot(np.asarray(states, float), own, 1))
     moved = _moved(motion, x, b)
-    if not np.isfinite(moved.tau_m).all() or np.abs(x[0]).max() > 0.999 * FARTHEST:
+    if not np.isfinite(moved.tau_m).all() or np.abs(x[0, felt.valid]).max() > 0.999 * FARTHEST:
         return motion
     return replace(moved, swing=Swing(cable, stiffness, damping, oscillator, slopes, x, free, motion))
 

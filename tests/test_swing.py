@@ -123,20 +123,20 @@ def test_a_resonance_in_the_band_is_told_from_the_motors_alone(soft):
     assert np.all(np.array(fit["rmse_augmented"]) < 1.2 * np.array(fit["noise_floor"]))
 
 
-def played(lag=0.0, gap=0.01):
+def played(lag=0.0, gap=0.01, rate=200.0):
     """Let a motor leap through its play where the torque changes sign; the torque is late by `lag` [s]."""
-    t = np.arange(0.0, 20.0, 0.005)
+    t = np.arange(0.0, 20.0, 1.0 / rate)
     torque = lambda u: 3.0 * np.sin(1.3 * u) + 1.5 * np.sin(2.9 * u + 0.4)  # noqa: E731
     side = np.tanh(torque(t) / 0.02)
     noise = 1e-5 * np.random.default_rng(3).standard_normal(len(t))
     return torque(t - lag), np.sin(0.9 * t) + gap * side + noise, side
 
 
-@pytest.mark.parametrize("lag", [0.0, 0.03, -0.05])
-def test_play_changes_sides_when_the_motor_leaps(lag):
-    torque, position, side = played(lag)
-    inner = slice(100, -100)
-    own = leaping(torque, position, 0.02, 200.0)
+@pytest.mark.parametrize("lag, rate", [(0.0, 200.0), (0.03, 200.0), (-0.05, 200.0), (0.03, 1000.0), (0.04, 50.0)])
+def test_play_changes_sides_when_the_motor_leaps(lag, rate):
+    torque, position, side = played(lag, rate=rate)
+    inner = slice(int(rate / 2), -int(rate / 2))
+    own = leaping(torque, position, 0.02, rate)
     assert np.sqrt(np.mean((own - side)[inner] ** 2)) < 0.03
     if lag:
         assert np.sqrt(np.mean((np.tanh(torque / 0.02) - side)[inner] ** 2)) > 0.2
