@@ -554,6 +554,8 @@ def _leaders(
             continue
         if loads and candidate.effect.follows:
             continue
+        if candidate.effect.name == "backlash" and not search.is_crossed(candidate):
+            continue
         value = gain(search, fit, candidate, score)
         if np.isfinite(value) and (candidate.key not in best or value > best[candidate.key][0]):
             best[candidate.key] = (value, i, score)

@@ -273,6 +273,10 @@ class Motion:
         torque = lowpass(self.felt.torque, self.rate, FELT) - rotors
         return (torque if self.extra_motor is None else torque - self.extra_motor) / self.model.arm_scale
 
+    def changes_sides(self, i: int) -> bool:
+        """Whether cable i pulls both ways, or may for all that is known: else its play would be an encoder's offset."""
+        return self.felt is None or bool(np.ptp(np.sign(self.felt_load[self.felt.valid, i])) > 0)
+
     def felt_side(self, i: int, width: float) -> tuple[Vector, Vector, Vector]:
         """Give on which side of its play cable i lies, -1 to 1, and the rates, by torque and positions of the motors.
 

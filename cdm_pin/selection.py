@@ -396,6 +396,10 @@ class Search:
             self._cache[key] = [lines.dense() for lines in self.problem.reduce(candidate.columns)]
         return self._cache[key]
 
+    def is_crossed(self, play: Candidate) -> bool:
+        """Whether the play of a cable is crossed on any recording, as far as motors alone tell."""
+        return any(motion.changes_sides(play.place.index[0]) for motion in self.problem.motions)
+
     def size(self, *candidates: Candidate) -> int:
         """Count the parameters of candidates: coefficients and what of their shapes is estimated."""
         return sum(len(self.columns(c)[0]) + c.extra for c in candidates)

@@ -158,3 +158,12 @@ def test_play_is_told_from_the_motors_alone(tmp_path):
     assert finding["parameters"]["half_gap"]["value"] == pytest.approx(gap, rel=0.05)
     fit = content["fit"]["holdout"]
     assert np.all(np.array(fit["rmse_augmented"]) < 1.2 * np.array(fit["noise_floor"]))
+
+
+def test_play_that_is_never_crossed_is_an_offset(tmp_path):
+    """Under a load of one sign a gap only shifts the joint, as a tilted base nearly does; it is not called play."""
+    model, runs, unseen, truth = loaded_trial(tmp_path, 8809, effects=1, positions="motor", at_least=50.0)
+    assert truth["effects"][0]["effect"] == "base_tilt"
+    (finding,) = diagnose(model, runs, unseen).content["findings"]
+    listed = [finding["effect"], *(rival["effect"] for rival in finding["indistinguishable_from"])]
+    assert "base_tilt" in listed and finding["effect"] != "backlash"
