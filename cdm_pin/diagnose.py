@@ -137,8 +137,12 @@ def diagnose(
     if first.search.is_swamped(first.fit):
         first = explain(search, progress)
     seen = make_problem(model, unseen, problem.band) if unseen else None
-    first = _swinging(Search(problem, base, settings), seen, first, progress)
-    judge, explanation = _validated(seen, first)
+    soft = _swinging(Search(problem, base, settings), seen, first, progress)
+    judge, explanation = _validated(seen, soft)
+    if soft is not first and not explanation.search.problem.swings:  # what else it found was found beside that cable
+        judge, explanation = _validated(seen, first)
+    elif soft is not first:
+        first = soft
     named = [f.candidate.key for f in first.found if f.candidate.named]
     if named and not explanation.found:  # another explanation may have been second to those that were withdrawn
         there, again = _validated(seen, explain(first.search.stiff, progress, frozenset(named)))
@@ -170,11 +174,13 @@ def _swinging(
     if soft is None:
         return first
     there, effects = soft
+    own = _likelihood(first.search, found)
+    if _likelihood(there, effects) < own:
+        return first
     again = explain(there.with_drift(effects), progress, start=effects)
     if not any(f.candidate.is_swinging(again.search.problem.motions[0]) for f in again.found):
         return first
-    likely = [_likelihood(e.search, [f.candidate for f in e.found]) for e in (first, again)]
-    if likely[1] < likely[0]:
+    if _likelihood(again.search, [f.candidate for f in again.found]) < own:
         return first
     if seen is not None:
         judges = [_judge(seen, e) for e in (first, again)]

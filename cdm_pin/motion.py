@@ -23,6 +23,8 @@ MUCH = 2e7
 """Numbers that derivatives by all coordinates may take."""
 SLOW_ROTORS = 4.0
 """Up to which frequency rotors' accelerations are taken from torques that tell where the joints are [Hz]."""
+MANY_LEAPS = 300
+"""More changes of side than these are not looked at one by one."""
 FELT = 5.0
 """Up to which frequency torques tell on which side of its play a cable is [Hz]."""
 CLEAR = 10.0
@@ -80,6 +82,8 @@ def leaping(torque: Vector, position: Vector, width: float, rate: float, near: f
         return np.tanh(torque / width)
     t = np.arange(len(torque), dtype=float)
     side = np.tanh(np.interp(t - np.interp(t, crossings[sure], shifts[sure]), t, torque) / width)
+    if sure.sum() > MANY_LEAPS:
+        return side
     return _leapt(side, position, np.round(crossings[sure] + shifts[sure]).astype(int), rate)
 
 
