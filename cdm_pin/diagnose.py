@@ -139,10 +139,10 @@ def diagnose(
     seen = make_problem(model, unseen, problem.band) if unseen else None
     soft = _swinging(Search(problem, base, settings), seen, first, progress)
     judge, explanation = _validated(seen, soft)
-    if soft is not first and not explanation.search.problem.swings:  # what else it found was found beside that cable
-        judge, explanation = _validated(seen, first)
-    elif soft is not first:
+    if explanation.search.problem.swings:
         first = soft
+    elif soft is not first:  # what else was found was found beside that cable
+        judge, explanation = _validated(seen, first)
     named = [f.candidate.key for f in first.found if f.candidate.named]
     if named and not explanation.found:  # another explanation may have been second to those that were withdrawn
         there, again = _validated(seen, explain(first.search.stiff, progress, frozenset(named)))
@@ -165,9 +165,10 @@ def _swinging(
     if any(motion.felt is None for motion in search.problem.motions) or first.everywhere:
         return first
     found = [f.candidate for f in first.found]
-    left, noise = (first.search.left_over(found, smooth=smooth)[1].rms for smooth in (False, True))
-    if not any(c.effect.name in SOFT or not c.named for c in found) and not np.any(left > ROUGH * noise):
-        return first
+    if not any(c.effect.name in SOFT or not c.named for c in found):
+        left, noise = (first.search.left_over(found, smooth=smooth)[1].rms for smooth in (False, True))
+        if not np.any(left > ROUGH * noise):
+            return first
     if progress is not None:
         progress("soft cables", 0.9)
     soft = softest(search, [c for c in found if c.named and c.effect.name not in SOFT and c.effect.name != "backlash"])
@@ -217,7 +218,7 @@ def _judge(seen: Problem, explanation: Explanation) -> Search:
     """Give the search on the unseen recordings, about the model of an explanation."""
     search, fit = explanation.search, explanation.fit
     pairs = [(c, c.admissible(beta)) for c, beta in zip(fit.effects, fit.beta, strict=True)]
-    return search.judge(seen.with_model(search.problem.model).with_loads(pairs), pairs)
+    return search.judge(seen.with_model(search.problem.model).with_loads(pairs))
 
 
 def _seconded(judge: Search, explanation: Explanation, most: int = 8) -> Explanation:

@@ -14,11 +14,12 @@ from typing import Any
 
 import numba
 import numpy as np
+from scipy.ndimage import correlate1d
 from scipy.spatial.transform import Rotation
 
 from .geometry import Vector
 from .model import CableModel
-from .motion import Motion
+from .motion import Motion, derivatives
 
 Shape = tuple[float, ...]
 
@@ -714,8 +715,6 @@ def _compliant(motion: Motion, i: int, slack: float = np.inf) -> Columns:
 
 def _backlash(motion: Motion, place: Place, shape: Shape) -> Columns:
     """Columns of a cable's travel per half of its play; motors that alone are measured may leap with less torque."""
-    from .signals_filters import differentiate
-
     i, model = place.index[0], motion.model
     rotor = np.eye(model.n_motors)[i] * model.rotor_inertia[i] / model.arm_scale[i]
     if motion.joints_measured:
@@ -726,8 +725,8 @@ def _backlash(motion: Motion, place: Place, shape: Shape) -> Columns:
         side = motion.felt_side(i, shape[0])
     else:
         x = np.tanh(motion.cable_torque[:, i] / shape[0])
-        side = (x, differentiate(x, motion.rate), differentiate(differentiate(x, motion.rate), motion.rate))
-    along = -model.joint_from_motor[:, i] / model.arm_scale[i]
+        side = (x, *derivatives(x, motion.rate))
+    along = model.joints_per_travel(i)
     d, *rates = (x[:, None] * along for x in side)
     felt = motion.midway.torque_change(d, (rates[0], rates[1]))
     parts = [felt, np.outer(side[2], -rotor)] if rotor.any() else [felt]
@@ -739,8 +738,7 @@ def _played(motion: Motion, place: Place, beta: Vector, shape: Shape) -> Motion:
     if motion.felt is None:
         return motion
     i = place.index[0]
-    along = -motion.model.joint_from_motor[:, i] / motion.model.arm_scale[i]
-    own = beta[0] * motion.felt_side(i, shape[0])[0][:, None] * along
+    own = beta[0] * motion.felt_side(i, shape[0])[0][:, None] * motion.model.joints_per_travel(i)
     return replace(motion, shift=own if motion.shift is None else motion.shift + own)
 
 
@@ -910,13 +908,20 @@ def _delay(motion: Motion, place: Place, shape: Shape) -> Columns:
     return Columns(late[..., None])
 
 
-def delayed(x: Vector, rate: float, delay: float) -> Vector:
-    """Shift columns by a delay [s] that need not be whole samples (linear phase, odd extension at the ends)."""
-    n, pad = len(x), int(rate)
+def delayed(x: Vector, rate: float, delay: float, half: int = 8) -> Vector:
+    """Shift columns by a delay [s] that need not be whole samples (Lagrange interpolation, odd extension at the ends).
+
+    Interpolation by `half` samples on either side keeps what is wrong with the ends of a recording at its ends.
+    """
+    whole = int(np.floor(delay * rate))
+    nodes = np.arange(1 - half, half + 1)
+    apart = np.where(np.eye(2 * half, dtype=bool), 1.0, nodes[:, None] - nodes)
+    reach = np.where(np.eye(2 * half, dtype=bool), 1.0, whole + 1 - delay * rate - nodes)
+    weights = np.prod(reach / apart, axis=1)
+    pad = abs(whole) + half + 1
     padded = np.pad(x, ((pad, pad), (0, 0)), mode="reflect", reflect_type="odd")
-    frequency = np.fft.rfftfreq(len(padded), 1 / rate)
-    shifted = np.fft.rfft(padded, axis=0) * np.exp(-2j * np.pi * frequency * delay)[:, None]
-    return np.fft.irfft(shifted, len(padded), axis=0)[pad : pad + n]
+    first = pad - whole - half  # where the first sample's first node is
+    return correlate1d(padded, weights, axis=0)[first + half : first + half + len(x)]
 
 
 def _external(motion: Motion, place: Place, shape: Shape) -> Columns:
@@ -1670,17 +1675,17 @@ def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]], *, swing
     if motion.swing is not None:
         motion = replace(motion.swing.still, model=motion.model)
     motion = _loaded(motion, effects)
-    soft = [(c.place.index[0], b) for c, b in effects if c.effect.name == "cable_elasticity" and b[0] > 0.0]
+    soft = [(c, c.admissible(b)) for c, b in effects if c.effect.name == "cable_elasticity" and b[0] > 0.0]
     if motion.felt is None or not soft or not swings:
         return motion
     from .swing import swung
 
-    cable, beta = max(soft, key=lambda item: float(item[1][0]))
+    candidate, beta = max(soft, key=lambda item: float(item[1][0]))
     stiffness = 1.0 / beta[0]
     carried = motion.driven_torque - motion.tau_m
     if motion.extra_driven is not None:
         carried = carried + motion.extra_driven
-    moved = swung(motion, cable, stiffness, max(float(beta[1]), 0.0) * stiffness**2, carried)
+    moved = swung(motion, candidate.place.index[0], stiffness, float(beta[1]) * stiffness**2, carried)
     return motion if moved.swing is None else _loaded(moved, effects)
 
 
@@ -1696,8 +1701,7 @@ def _loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Moti
             continue
         columns = candidate.raw_columns(motion)
         if columns.torque is not None:
-            k = min(len(beta), columns.torque.shape[2])
-            driven.append(columns.torque[..., :k] @ beta[:k])
+            driven.append(torque_of(columns, beta, motor.shape))
     if driven:
         motion = replace(motion, extra_driven=np.sum(driven, axis=0))
     for candidate, beta in effects:
@@ -1711,7 +1715,6 @@ def _loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Moti
                 motor += f[:, None] * np.array(candidate.place.B)
             else:
                 motor += f[:, None] * columns.along[1]
-        elif columns.torque is not None:
-            k = min(len(beta), columns.torque.shape[2])
-            motor += columns.torque[..., :k] @ beta[:k]
+        else:
+            motor += torque_of(columns, beta, motor.shape)
     return replace(motion, extra_joint=joint, extra_motor=motor)

@@ -204,6 +204,10 @@ class CableModel:
         """Give tau_m = E' tau, shape (n_samples, n_motors)."""
         return np.asarray(tau) @ self.joint_from_motor
 
+    def joints_per_travel(self, cable: int) -> Vector:
+        """How far joints move per travel of a cable whose motor stands still, -E e_i / s_i, shape (n_joints,)."""
+        return -self.joint_from_motor[:, cable] / self.arm_scale[cable]
+
     def with_standard_parameters(self, pi_std: Vector) -> CableModel:
         """Give the same robot with other inertial parameters, shape (10 n_joints,)."""
         model = self.pin_model.copy()

@@ -297,12 +297,12 @@ class Motion:
         tuple of ndarray, shape (n,)
             Filtered as the positions were.
         """
-        from .signals_filters import differentiate, lowpass
+        from .signals_filters import lowpass
 
         assert self.felt is not None
         side = leaping(self.felt_load[:, i], self.felt.position[:, i], width, self.rate)
         x, slow = (lowpass(side, self.rate, cutoff) for cutoff in self.felt.cutoffs)
-        return x, differentiate(x, self.rate), differentiate(differentiate(slow, self.rate), self.rate)
+        return x, derivatives(x, self.rate)[0], derivatives(slow, self.rate)[1]
 
     @cached_property
     def joint_angles(self) -> Vector:
@@ -315,7 +315,7 @@ class Motion:
         """The motion halfway between where the motors say that the joints are and where they are (`shift`)."""
         if self.shift is None:
             return self
-        d1, d2 = _derivatives(self.shift, self.rate)
+        d1, d2 = derivatives(self.shift, self.rate)
         return replace(self, q=self.q + 0.5 * self.shift, v=self.v + 0.5 * d1, a=self.a + 0.5 * d2, shift=None)
 
     @cached_property
@@ -332,6 +332,14 @@ class Motion:
         noise = 2 * (self.n - 1) * (self.inertia_noise / self.model.arm_scale * (2 * np.pi * f) ** 2) ** 2
         known = uniform_filter1d(sines**2, 21, axis=0) > CLEAR * noise
         return line + np.pad(np.asarray(idst(sines * known, type=1, axis=0)), ((1, 1), (0, 0)))
+
+    def part(self, part: slice) -> Motion:
+        """Give some samples of the motion alone."""
+        arrays = {name: getattr(self, name)[part] for name in ("time", "q", "v", "a", "q_m", "v_m", "a_m")}
+        felt = self.felt
+        if felt is not None:
+            felt = replace(felt, torque=felt.torque[part], position=felt.position[part], valid=felt.valid[part])
+        return replace(self, **arrays, felt=felt)
 
     def with_model(self, model: CableModel) -> Motion:
         """Give the same motion of a robot with other inertial parameters."""
@@ -374,7 +382,7 @@ class Motion:
         ndarray, shape (n, n_motors)
             [N m per unit of the effect].
         """
-        d1, d2 = rates if rates is not None else _derivatives(d, self.rate)
+        d1, d2 = rates if rates is not None else derivatives(d, self.rate)
         if 3 * self.model.n_joints * self.n * self.model.n_motors < MUCH:
             change = np.zeros((self.n, self.model.n_motors))
             for slopes, x in zip(self.torque_slopes, (d, d1, d2), strict=True):
@@ -392,7 +400,8 @@ class Motion:
         return (plus - minus) @ self.model.joint_from_motor / (2 * h)
 
 
-def _derivatives(d: Vector, rate: float) -> tuple[Vector, Vector]:
+def derivatives(d: Vector, rate: float) -> tuple[Vector, Vector]:
+    """Give the first and second derivative of samples at an even rate."""
     from .signals_filters import differentiate
 
     first = differentiate(d, rate)

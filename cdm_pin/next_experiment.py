@@ -103,7 +103,7 @@ def separation(
     run = Run(cast(Any, signals), motion, np.zeros((problem.n_channels, motion.n)))
     both = replace(problem, runs=(problem.runs[0], run))  # what is there and what would come, together
     both.__dict__["rigid"] = [problem.rigid[0], *replace(problem, runs=(run,)).rigid]  # what is there is known
-    there = search.judge(both, [])
+    there = search.judge(both)
     fit = explanation.fit
     whitener = replace(fit.whitener, scale=np.ones(2))
     worst, pair = np.inf, (rivals[0][1], rivals[0][1])

@@ -302,7 +302,7 @@ def rows(
 
 def columns(plan: Plan, observation: Observation, part: slice, *, shaken: bool = False) -> Vector:
     """Compute the columns at samples of the recording, not filtered, shape (n, n_motors, n_columns)."""
-    motion = _part(observation.shaken if shaken else observation.motion, part)
+    motion = (observation.shaken if shaken else observation.motion).part(part)
     parts = [np.zeros((motion.n, plan.model.n_motors, 0))]
     if plan.base.rank:
         parts.append(motor_regressor(plan.model, motion.q, motion.v, motion.a)[..., plan.base.columns])
@@ -410,11 +410,6 @@ def _held(motion: Motion, still: np.ndarray, still_m: np.ndarray) -> Motion:
             value = getattr(motion, name).copy()
             value[:, held] = np.mean(value[:, held], axis=0) if name in ("q", "q_m") else 0.0
             arrays[name] = value
-    return replace(motion, **arrays)
-
-
-def _part(motion: Motion, part: slice) -> Motion:
-    arrays = {name: getattr(motion, name)[part] for name in ("time", "q", "v", "a", "q_m", "v_m", "a_m")}
     return replace(motion, **arrays)
 
 

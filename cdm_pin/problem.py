@@ -79,6 +79,8 @@ class Problem:
         Which channels there are.
     sensors : SensorNoise
         What the sensors bring by themselves.
+    loads : tuple of (Candidate, ndarray)
+        Effects with coefficients whose torques are in the motions.
     """
 
     model: CableModel
@@ -87,6 +89,7 @@ class Problem:
     torque: bool
     kinematic: bool
     sensors: SensorNoise
+    loads: tuple[tuple[Candidate, Vector], ...] = ()
 
     @property
     def n_channels(self) -> int:
@@ -165,10 +168,11 @@ class Problem:
             out.append(self.band.reduce(bank))
         return out
 
-    def swung(self, effects: Sequence[tuple[Candidate, Vector]]) -> list[Vector]:
-        """Give what is known of the torque along motions that swing, less what the effects' columns say of it.
+    @property
+    def known(self) -> list[Vector]:
+        """What is known of the torque along motions that swing, less what the columns of the loads say of it.
 
-        The torque of the links where they are, and with it the effects', which loaded the cable already.
+        The torque of the links where they are, and with it that of the loads, which are in the cable already.
 
         Returns
         -------
@@ -177,7 +181,7 @@ class Problem:
         out = []
         for run in self.runs:
             torque = run.motion.tau_m.copy()
-            for candidate, beta in effects:
+            for candidate, beta in self.loads:
                 torque += torque_of(candidate.raw_columns(run.motion), beta, torque.shape)
                 torque -= torque_of(candidate.columns(run.motion), beta, torque.shape)
             out.append(self.band.reduce(torque.T))
@@ -238,7 +242,8 @@ class Problem:
         swing = [motion.swing is not None for motion in motions]
         if any(swing) and not all(swing):  # all or none: one bank of columns is for all of them
             motions = [loaded(motion, effects, swings=False) for motion in self.motions]
-        return replace(self, runs=tuple(replace(run, motion=m) for run, m in zip(self.runs, motions, strict=True)))
+        runs = tuple(replace(run, motion=m) for run, m in zip(self.runs, motions, strict=True))
+        return replace(self, runs=runs, loads=tuple(effects))
 
 
 def make_problem(model: CableModel, recordings: Sequence[Recording], band: Band | None = None) -> Problem:

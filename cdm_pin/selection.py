@@ -254,7 +254,6 @@ class Search:
     ):
         self.problem, self.base, self.settings = problem, base, settings
         self.drift = drift
-        self.swung: list[tuple[Candidate, Vector]] = []
         self.held = len({run.payload for run in problem.runs}) > 1 if held is None else held
         self._cache: dict[Any, list[Vector]] = {}
         self._clear: dict[Any, Whitener] = {}
@@ -279,7 +278,6 @@ class Search:
         for name in ("common", "plain", "loads", "smooth", "unshared"):
             if name in self.__dict__:
                 search.__dict__[name] = self.__dict__[name]
-        search.swung = effects if problem.swings else []
         if problem.swings or self.problem.swings:
             return search
         if "rigid" in self.__dict__:
@@ -290,6 +288,11 @@ class Search:
         ]
         search._cache = {key: value for key, value in self._cache.items() if not key[3]}
         return search
+
+    @property
+    def swung(self) -> list[tuple[Candidate, Vector]]:
+        """Effects with coefficients about which the links swing; none where all cables are rigid."""
+        return list(self.problem.loads) if self.problem.swings else []
 
     @cached_property
     def stiff(self) -> Search:
@@ -322,10 +325,9 @@ class Search:
         problem, pi = self.problem, self.problem.model.standard_parameters
         parts = zip(problem.data, problem.rigid, problem.rotors, problem.payloads, strict=True)
         if problem.swings:
-            known = problem.swung(self.swung)
             return [
-                d[0] - k - np.tensordot(payload, Y, 1) - r[0]
-                for k, (d, Y, r, payload) in zip(known, parts, strict=True)
+                d[0] - known - np.tensordot(payload, Y, 1) - r[0]
+                for known, (d, Y, r, payload) in zip(problem.known, parts, strict=True)
             ]
         return [d[0] - np.tensordot(pi + payload, Y, 1) - r[0] for d, Y, r, payload in parts]
 
@@ -365,7 +367,7 @@ class Search:
         lengths = [rigid.shape[2] for rigid in self.rigid]
         drift = drift_columns(lengths, rate, problem.n_channels, channels, LONG)
         search = Search(problem, self.base, self.settings, self.held, drift)
-        search._cache, search.swung = self._cache, self.swung
+        search._cache = self._cache
         for name in ("common", "plain", "loads", "smooth", "unshared", "nominal"):
             if name in self.__dict__:
                 search.__dict__[name] = self.__dict__[name]
@@ -380,10 +382,9 @@ class Search:
         rest = self.still(errors(self, fit.base, fit.effects, fit.beta))
         return bool(np.any(rms(self, drift) > LOUD * rms(self, rest)))
 
-    def judge(self, problem: Problem, effects: Sequence[tuple[Candidate, Vector]]) -> Search:
+    def judge(self, problem: Problem) -> Search:
         """Give a search on recordings that this one has not seen, with the same columns; their zeros are not known."""
         judge = Search(problem, self.base, self.settings, self.held)
-        judge.swung = list(effects) if problem.swings else []
         if self.drift is not None:
             shape = len(self.drift[0]), problem.n_channels
             judge.drift = [np.zeros((*shape, data.shape[2])) for data in problem.data]

@@ -20,7 +20,6 @@ DAMPING = 0.05
 """Damping ratio to start from."""
 ENOUGH = 20.0
 """What is looked at for the first comparison [s]."""
-FIELDS = ("time", "q", "v", "a", "q_m", "v_m", "a_m")
 
 
 def softest(
@@ -38,6 +37,13 @@ def softest(
         Of Gauss-Newton's method.
     best : int
         Starts that are pursued.
+
+    Returns
+    -------
+    search : Search
+        About the motion of links that swing.
+    effects : list of Candidate
+        The soft cable, then the others. None where no cable lets links swing.
     """
     law, starts = CATALOGUE["cable_elasticity"], []
     short = Search(_shortened(search.problem), search.base, search.settings, search.held)
@@ -120,16 +126,12 @@ def _shortened(problem: Problem) -> Problem:
     margin = len(problem.band.taps) // 2
     first = max(start * step - margin, 0)
     part = slice(first, min(first + int(ENOUGH * run.motion.rate), stop * step + margin))
-    felt = run.motion.felt
-    assert felt is not None
-    felt = replace(felt, torque=felt.torque[part], position=felt.position[part], valid=felt.valid[part])
-    motion = replace(run.motion, **{name: getattr(run.motion, name)[part] for name in FIELDS}, felt=felt)
     signals = replace(run.signals, time=run.signals.time[part], valid=run.signals.valid[part])
-    return replace(problem, runs=(replace(run, signals=signals, motion=motion, data=run.data[:, part]),))
+    short = replace(run, signals=signals, motion=run.motion.part(part), data=run.data[:, part])
+    return replace(problem, runs=(short,))
 
 
 def _inertia(motion: Motion, cable: int) -> float:
     """Inertia of the links that a cable feels, in the middle of a motion's [kg m^2]."""
-    part = replace(motion, **{name: getattr(motion, name)[::50] for name in FIELDS})
-    b = -motion.model.joint_from_motor[:, cable] / motion.model.arm_scale[cable]
-    return float(np.median(-slopes_along(part, b)[2, :, cable])) / motion.model.arm_scale[cable]
+    slopes = slopes_along(motion.part(slice(None, None, 50)), motion.model.joints_per_travel(cable))
+    return float(np.median(-slopes[2, :, cable])) / motion.model.arm_scale[cable]

@@ -96,31 +96,34 @@ def swung(motion: Motion, cable: int, stiffness: float, damping: float, carried:
     """
     model, felt = motion.model, motion.felt
     assert felt is not None
-    scale, b = model.arm_scale[cable], -model.joint_from_motor[:, cable] / model.arm_scale[cable]
+    scale, b = model.arm_scale[cable], model.joints_per_travel(cable)
     measured = felt.torque - motion.a_m * model.rotor_inertia - carried
     if motion.extra_motor is not None:
         measured = measured - motion.extra_motor
     parts = sorted(stretches(felt.valid), key=lambda s: s[0] - s[1])[:LONGEST]
     if not parts:
         return motion
-    x = np.zeros((3, motion.n))
-    moved, slopes, oscillator, own, free = motion, *np.zeros((4, 0))
+
+    def linearised(moved: Motion) -> tuple[Vector, Vector, Vector, Vector]:
+        slopes = slopes_along(moved, b)
+        mass = np.maximum(-slopes[2, :, cable] / scale, 1e-9)
+        spring = np.maximum(stiffness - slopes[0, :, cable] / scale, 0.2 * stiffness)
+        drag = damping - slopes[1, :, cable] / scale
+        oscillator = np.stack([spring, np.maximum(drag, LEAST_DAMPING * 2.0 * np.sqrt(mass * spring)), mass])
+        own = _released(oscillator, parts, motion.rate)
+        return slopes, oscillator, own, np.nan_to_num(np.einsum("kdn,dnm->knm", own, slopes))
+
+    x, moved = np.zeros((3, motion.n)), motion
+    slopes, oscillator, own, free = linearised(moved)
     for k in range(ROUNDS):
-        moved = _moved(motion, x, b)
-        if k < 2:
-            slopes = slopes_along(moved, b)
-            mass = np.maximum(-slopes[2, :, cable] / scale, 1e-9)
-            spring = np.maximum(stiffness - slopes[0, :, cable] / scale, 0.2 * stiffness)
-            drag = damping - slopes[1, :, cable] / scale
-            oscillator = np.stack([spring, np.maximum(drag, LEAST_DAMPING * 2.0 * np.sqrt(mass * spring)), mass])
-            own = _released(oscillator, parts, motion.rate)
-            free = np.nan_to_num(np.einsum("kdn,dnm->knm", own, slopes))
+        if k == 1:
+            slopes, oscillator, own, free = linearised(moved)
         load = (moved.tau_m + carried)[:, cable] / scale - stiffness * x[0] - damping * x[1]
         step = _tame(oscillate(oscillator, load, 1.0 / motion.rate))
         rest = np.nan_to_num(measured - moved.tau_m - np.einsum("dn,dnm->nm", step, slopes))
         states = np.linalg.lstsq(free[:, felt.valid].reshape(len(free), -1).T, rest[felt.valid].ravel(), rcond=None)[0]
         x = _tame(x + step + np.tensordot(np.asarray(states, float), own, 1))
-    moved = _moved(motion, x, b)
+        moved = _moved(motion, x, b)
     if not np.isfinite(moved.tau_m).all() or np.abs(x[0, felt.valid]).max() > 0.999 * FARTHEST:
         return motion
     return replace(moved, swing=Swing(cable, stiffness, damping, oscillator, slopes, x, free, motion))

@@ -80,9 +80,10 @@ def nameless(explanation: Explanation, only_loud: bool = False) -> dict[str, Any
     if patch is None:
         return None
     found = Found(patch, search.score(explanation.fit, patch), 0.0, 0.0)
-    clear = search.score(search.fit(effects, search.clear(effects)), patch)  # slow bursts pass for noise otherwise
-    if only_loud and not (is_loud(found.score) or is_loud(clear)):
-        return None
+    if only_loud and not is_loud(found.score):
+        clear = search.fit(effects, search.clear(effects))  # slow bursts pass for noise otherwise
+        if not is_loud(search.score(clear, patch)):
+            return None
     fit = search.fit([*effects, patch], explanation.fit.whitener)
     return at_corrections(replace(explanation, found=(*explanation.found, found), fit=fit), [found])
 

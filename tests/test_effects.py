@@ -239,13 +239,22 @@ def test_hysteresis_forgets_and_saturates():
     assert np.allclose(slow, dahl(x, 0.05), atol=1e-12)
 
 
-def test_delay_shifts():
-    """A delay moves a sine along the time axis."""
+@pytest.mark.parametrize("delay", [0.05, 0.0073, -0.0131, 0.0])
+def test_delay_shifts(delay):
+    """A delay moves a sine along the time axis, by whole samples or not."""
     t = np.arange(2000) / 200.0
+    for frequency, error in ((0.7, 1e-12), (20.0, 1e-8), (50.0, 1e-3)):
+        x, late = (np.sin(2 * np.pi * frequency * (t - d))[:, None] for d in (0.0, delay))
+        np.testing.assert_allclose(delayed(x, 200.0, delay)[20:-20], late[20:-20], atol=error)
+
+
+def test_delay_keeps_wrong_ends_at_the_ends():
+    """A first sample that is far off, as derivatives are, does not ring through the recording."""
+    t = np.arange(2000) / 100.0
     x = np.sin(2 * np.pi * 0.7 * t)[:, None]
-    assert np.allclose(
-        delayed(x, 200.0, 0.05)[300:-300], np.sin(2 * np.pi * 0.7 * (t - 0.05))[300:-300, None], atol=1e-3
-    )
+    x[0] += 100.0
+    late = np.sin(2 * np.pi * 0.7 * (t - 0.0073))[:, None]
+    np.testing.assert_allclose(delayed(x, 100.0, 0.0073)[10:-10], late[10:-10], atol=1e-12)
 
 
 def test_places_by_name_and_alias():
