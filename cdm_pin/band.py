@@ -12,6 +12,8 @@ from .geometry import Vector
 
 RING = 1.5
 """Periods for which a low-pass rings beside an edge."""
+ONE_SIDED = 8
+"""Samples beside an edge whose second derivatives are one-sided."""
 
 
 @dataclass(frozen=True)
@@ -46,9 +48,12 @@ class Band:
         return y[..., first : first + -(-x.shape[-1] // self.step)]
 
     def segments(self, valid: np.ndarray) -> list[tuple[int, int]]:
-        """Stretches of decimated samples whose whole kernel lies on valid samples, where slow filters have rung out."""
+        """Stretches of decimated samples whose whole kernel lies on valid samples, where filters have rung out.
+
+        Those of positions do beside every edge, and derivatives are one-sided there.
+        """
         half = len(self.taps) // 2
-        wide = half + round(RING * self.rate / self.slow)
+        wide = half + ONE_SIDED + round(RING * self.rate / min(self.slow, light(self.cutoff, self.rate)))
         bad = np.concatenate([[True], ~valid, [True]])
         edges = np.flatnonzero(bad)
         stretches = []
@@ -58,6 +63,11 @@ class Band:
             if stop - start > 8:
                 stretches.append((start, stop))
         return stretches
+
+
+def light(cutoff: float, rate: float) -> float:
+    """Give the cut-off [Hz] of the light low-pass of positions that columns in a band are computed from."""
+    return min(4.0 * cutoff, 0.45 * rate)
 
 
 def make_band(rate: float, cutoff: float) -> Band:

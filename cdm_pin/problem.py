@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .band import Band, make_band
+from .band import Band, light, make_band
 from .completed import added
 from .effects import Candidate, Columns, loaded, passed, torque_of
 from .geometry import Vector
@@ -365,16 +365,16 @@ def _sharp(model: CableModel, signals: Signals, q: Vector, share: float = 0.01) 
 
 
 def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinematic: bool, index: int) -> Run:
-    rate, light = signals.rate, min(4.0 * band.cutoff, 0.45 * signals.rate)
+    rate, lightly = signals.rate, light(band.cutoff, signals.rate)
     q_raw, q_m_raw = both_positions(model, signals.logged)
-    sharp = max(light, _sharp(model, signals, q_raw))
+    sharp = max(lightly, _sharp(model, signals, q_raw))
     travel = q_m_raw - model.motor_position(q_raw)
     if kinematic and not _parted(travel, band, signals, model):
         q_m_raw = model.motor_position(
             q_raw
         )  # both encoders see one motion: two noisy copies of it would fit the noise
     q, q_m = lowpass(q_raw, rate, sharp), lowpass(q_m_raw, rate, sharp)
-    slow, slow_m = (lowpass(x, rate, min(light, band.slow)) for x in (q_raw, q_m_raw))
+    slow, slow_m = (lowpass(x, rate, min(lightly, band.slow)) for x in (q_raw, q_m_raw))
     if kinematic:  # accelerations from two encoders would fit each other's noise
         slow_m = model.motor_position(slow)
     noise = np.sqrt(np.mean((q_m_raw - q_m) ** 2, axis=0)) * 2 * np.pi * sharp * np.sqrt(2 * sharp / rate / 3)
@@ -395,7 +395,7 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
         inertia_noise=inertia_noise(model, signals) if torque else None,
     )
     if torque and "joint_position" not in signals.logged:
-        felt = Felt(measured_torques(model, signals.logged), q_m_raw, (sharp, min(light, band.slow)), signals.valid)
+        felt = Felt(measured_torques(model, signals.logged), q_m_raw, (sharp, min(lightly, band.slow)), signals.valid)
         motion = replace(motion, felt=felt)
     channels = [measured_torques(model, signals.logged)] if torque else []
     stated = np.zeros_like(travel)

@@ -8,14 +8,18 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import welch
+from scipy.stats import chi2
 
-from .band import Band
+from .band import Band, light
 from .dynamics import inverse_dynamics
 from .geometry import Vector
 from .measured import both_positions, measured_torques
 from .model import CableModel
 from .signals import Signals
 from .signals_filters import differentiate, lowpass, noise_floor, stretches
+
+SMOOTH = 1.0
+"""Frequency up to which positions are taken to round them once more [Hz]: beyond it they hold the first rounding."""
 
 
 @dataclass(frozen=True)
@@ -101,8 +105,11 @@ def inertia_limit(model: CableModel, signals: Signals) -> float:
     return float(0.8 * np.sqrt(ratio) / (2 * np.pi))
 
 
-def motion_limit(model: CableModel, signals: Signals, most: float, least: float = 2.0, line: float = 8.0) -> float:
+def motion_limit(model: CableModel, signals: Signals, most: float, chance: float = 1e-7) -> float:
     """Give the frequency [Hz] up to which accelerations stand out of what the noise of positions makes, at any joint.
+
+    Slow motions are rounded alike for long, so that lines stand out of the noise that are none of the motion: rounding
+    is made once more.
 
     Parameters
     ----------
@@ -110,18 +117,28 @@ def motion_limit(model: CableModel, signals: Signals, most: float, least: float 
     signals : Signals
     most : float
         Frequencies above it are not looked at [Hz].
-    least, line : float
-        Power over half a hertz, and of single lines, that stands out, as multiples of the noise.
+    chance : float
+        With which half a hertz, or a single line, of noise alone would be taken for motion; they also have to have
+        twice, and eight times, the power of the noise.
     """
     start, stop = max(stretches(signals.valid), key=lambda s: s[1] - s[0], default=(0, 0))
     if stop - start < 64:
         return np.inf
     q = both_positions(model, signals.logged)[0][start:stop]
+    smooth = lowpass(q, signals.rate, SMOOTH)
     n = min(len(q) - 2, int(16.0 * signals.rate))
-    f, power = welch(np.diff(q, 2, axis=0), signals.rate, nperseg=n, axis=0)
+    f, power, steps = (
+        welch(np.diff(x, 2, axis=0), signals.rate, nperseg=n, axis=0)[k]
+        for k, x in ((0, q), (1, q), (1, _rounded(model, signals, smooth) - smooth))
+    )
     gain = (2.0 - 2.0 * np.cos(2.0 * np.pi * f / signals.rate)) ** 2
-    noise = gain[:, None] * position_noise(model, signals) ** 2 / (0.5 * signals.rate)
+    noise = np.maximum(gain[:, None] * position_noise(model, signals) ** 2 / (0.5 * signals.rate), steps)
     width = max(int(0.5 * n / signals.rate), 1)  # half a hertz
+    free = 2.0 * (
+        1.0 + 0.95 * (len(q) / n - 1.0)
+    )  # degrees of freedom of a line: of Hann's windows that overlap by half
+    many = free * max(width / 1.5, 1.0)
+    least, line = max(2.0, chi2.isf(chance, many) / many), max(8.0, chi2.isf(chance, free) / free)
     heard = uniform_filter1d(power, width, axis=0) > least * uniform_filter1d(noise, width, axis=0)
     heard = (heard | (power > line * noise)).any(axis=1) & (f <= most)
     return float(f[np.flatnonzero(heard)].max(initial=0.0))
@@ -153,25 +170,34 @@ def travel_noise(model: CableModel, signals: Signals) -> Vector:
     return np.sqrt(own**2 + model.motor_from_joint**2 @ other**2)
 
 
+def _rounded(model: CableModel, signals: Signals, q: Vector) -> Vector:
+    """Round positions of the joints, shape (n, n_joints), as the encoders of a recording do."""
+    measured = "joint_position" if "joint_position" in signals.logged else "motor_position"
+    x = q if measured == "joint_position" else model.motor_position(q)
+    steps = signals.steps[measured]
+    own = np.where(steps > 0, steps, 1.0)
+    error = (np.round(x / own) * own - x) * (steps > 0)
+    return q + (error if measured == "joint_position" else error @ model.joint_from_motor.T)
+
+
 def _rounding(model: CableModel, signals: Signals, band: Band) -> Vector:
-    """Torque that rounding brings through accelerations and inertia, shape (n_motors,) [N m].
+    """Torque that rounding of positions brings, through accelerations and poses, shape (n_motors,) [N m].
 
     Slow motions are rounded alike for long: such errors are no white noise, and more of them lies in the band. They are
     made once more by rounding the motion as far as it is known.
     """
-    q, _ = both_positions(model, signals.logged)
-    smooth = lowpass(q, signals.rate, band.cutoff)
-    measured = "joint_position" if "joint_position" in signals.logged else "motor_position"
-    x = smooth if measured == "joint_position" else model.motor_position(smooth)
-    steps = signals.steps[measured]
-    own = np.where(steps > 0, steps, 1.0)
-    error = (np.round(x / own) * own - x) * (steps > 0)
-    if measured == "motor_position":
-        error = error @ model.joint_from_motor.T
-    error = lowpass(error, signals.rate, min(4.0 * band.cutoff, band.slow, 0.45 * signals.rate))
-    a = differentiate(differentiate(error, signals.rate), signals.rate)
-    torque = band.reduce((a @ _mass(model, q) @ model.joint_from_motor).T)
-    inside = [torque[:, start:stop] for start, stop in band.segments(signals.valid)]
+    rate = signals.rate
+    smooth = lowpass(both_positions(model, signals.logged)[0], rate, band.cutoff)
+    error = _rounded(model, signals, smooth) - smooth
+    cutoffs = light(band.cutoff, rate), min(light(band.cutoff, rate), band.slow)  # of poses, of accelerations
+
+    def torque(error: Vector) -> Vector:
+        q, slow = (smooth + lowpass(error, rate, cutoff) for cutoff in cutoffs)
+        v, a = differentiate(q, rate), differentiate(differentiate(slow, rate), rate)
+        return inverse_dynamics(model, q, v, a) @ model.joint_from_motor
+
+    reduced = band.reduce((torque(error) - torque(np.zeros_like(error))).T)
+    inside = [reduced[:, start:stop] for start, stop in band.segments(signals.valid)]
     return np.sqrt(np.mean(np.concatenate(inside, axis=1) ** 2, axis=1)) if inside else np.zeros(model.n_motors)
 
 
