@@ -17,6 +17,7 @@ import numpy as np
 from scipy.ndimage import correlate1d
 from scipy.spatial.transform import Rotation
 
+from .base import BaseParameters
 from .geometry import Vector
 from .model import CableModel
 from .motion import Motion, derivatives
@@ -140,6 +141,9 @@ class Effect:
     error : float
         Share of itself that the law may be wrong by; what else is found at the same time has to be larger. How a sign
         of velocity passes through zero is counted apart (`Candidate.doubts`).
+    hidden : callable, optional
+        Motion, base parameters, coefficients -> what it brings from inertial parameters that the rest does not show,
+        as far as they may be wrong.
     exact_travel : bool
         Whether the kinematic column is exact where the torque's is not.
     confounded : tuple of str
@@ -165,6 +169,7 @@ class Effect:
     carried: bool = True
     errors: Callable[[Place, Shape], dict[str, float]] = lambda place, shape: {}
     error: float = 0.01
+    hidden: Callable[[Motion, BaseParameters, Vector], Columns] | None = None
     detail: Callable[[Motion, Place, Shape, float], list[Vector]] | None = None
     confounded: tuple[str, ...] = ()
     revealed_by: str = ""
@@ -880,6 +885,33 @@ def _tilt(motion: Motion, place: Place, shape: Shape) -> Columns:
     return Columns(np.stack(columns, axis=-1))
 
 
+def _unlevelled(motion: Motion, base: BaseParameters, beta: Vector, share: float = 0.2) -> Columns:
+    """Give what a tilt brings from inertial parameters that a level base hides, as far as the model's may be wrong.
+
+    About a vertical axis the first moments of a link are felt only where the base is tilted.
+
+    Parameters
+    ----------
+    motion : Motion
+    base : BaseParameters
+        What a level base shows.
+    beta : ndarray
+        The tilt [rad].
+    share : float
+        Of the model's parameters that may be wrong.
+    """
+    from .regressor import motor_regressor
+
+    model = motion.model
+    axes, zero = np.array(_tilt_axes(model)), np.zeros_like(motion.q)
+    turned = model.pin_model.copy()
+    turned.gravity.linear = -np.cross(beta[: len(axes)] @ axes, model.chain.gravity)
+    Y = motor_regressor(replace(model, pin_model=turned), motion.q, zero, zero)
+    hidden = np.eye(Y.shape[2])
+    hidden[:, base.columns] -= base.matrix.T  # a change of each parameter that a level base does not show
+    return Columns(Y @ (share * model.standard_parameters[:, None] * hidden).T)
+
+
 def _displaced(motion: Motion, place: Place, beta: Vector, shape: Shape) -> Motion:
     """Add an encoder's offset to those that are known."""
     offset = np.zeros(motion.q.shape[1]) if motion.offset is None else motion.offset
@@ -1457,6 +1489,7 @@ CATALOGUE: dict[str, Effect] = {
             weighs=True,
             moves=_tilted,
             error=0.02,
+            hidden=_unlevelled,
             confounded=("encoder_offset", "joint_spring"),
             revealed_by="a spirit level",
             reference="gravity turned in the base frame",

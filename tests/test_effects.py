@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from arms import planar_content
 
+from cdm_pin.base import base_parameters
 from cdm_pin.completed import added_torque, effect_candidates, find_place
 from cdm_pin.effects import CATALOGUE, Candidate, dahl, delayed, loaded, maxwell
 from cdm_pin.errors import ManipulatorError
-from cdm_pin.manipulator import with_effects
+from cdm_pin.manipulator import parse_manipulator, with_effects
 from cdm_pin.model import build_model, load_model
 from cdm_pin.motion import Motion
 
@@ -312,3 +314,26 @@ def test_nothing_is_derived_from_noise(arm):
     inside = slice(100, -100)
     assert np.all(np.std(error[inside], axis=0) < 0.1 * np.std(shake[inside], axis=0))
     assert np.all(np.std(error[inside], axis=0) < 0.01 * np.std(motion.cable_torque, axis=0))
+
+
+def test_a_tilt_shows_what_a_level_base_hides():
+    """About a vertical axis a first moment is felt only under a tilt; its torque is among what may be wrong then."""
+    model = build_model(parse_manipulator(planar_content(2, 3) | {"gravity": [0.0, 0.0, -9.81]}))
+    base, hidden = base_parameters(model), CATALOGUE["base_tilt"].hidden
+    motion, tilt = make_motion(model), np.array([0.05, -0.03])
+    columns = hidden(motion, base, tilt, 1.0).torque
+    k = base.standard_names.index("mx_1")
+    assert k not in base.columns
+    change = np.zeros(20)
+    change[k] = model.standard_parameters[k]
+    place = CATALOGUE["base_tilt"].places(model)[0]
+    file, wrong = (
+        CATALOGUE["base_tilt"].columns(replace(motion, model=m), place, ()).torque @ tilt
+        for m in (model, model.with_standard_parameters(model.standard_parameters + change))
+    )
+    assert np.abs(wrong - file).max() > 1e-3
+    known = columns[..., [k]].reshape(-1, 1)
+    left = (wrong - file).ravel() - known @ np.linalg.lstsq(known, (wrong - file).ravel(), rcond=None)[0]
+    assert np.abs(left).max() < 1e-9
+    level = build_model(parse_manipulator(planar_content(2, 3)))
+    assert np.abs(hidden(make_motion(level), base_parameters(level), np.array([0.05])).torque).max() < 1e-9
