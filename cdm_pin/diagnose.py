@@ -14,7 +14,18 @@ from .base import base_parameters, massive_columns
 from .consistency import nearest_standard
 from .effects import STOPS, Candidate
 from .everywhere import agreements, confirmed
-from .explain import Explanation, Found, asked_but_for_laws, explain, explained, is_loud, patch, settled, tied
+from .explain import (
+    PREFERENCE,
+    Explanation,
+    Found,
+    asked_but_for_laws,
+    explain,
+    explained,
+    is_loud,
+    patch,
+    settled,
+    tied,
+)
 from .geometry import Manipulator, Vector, frozen_array
 from .model import CableModel
 from .next_experiment import Experiment, plan_next
@@ -148,6 +159,7 @@ def diagnose(
         there, again = _validated(seen, explain(first.search.stiff, progress, frozenset(named)))
         if again.found and not {f.candidate.effect.name for f in again.found} & {name for name, _ in named}:
             judge, explanation = there, again
+    explanation = _sized(explanation)
     lost = [f for f in first.found if f.candidate not in explanation.fit.effects and is_loud(f.score)]
     rough = explanation.fit.deviance > 2.0 * explanation.fit.n_rows  # bursts that no estimate of the noise has in it
     say("sensitivities", 0.95)
@@ -287,6 +299,23 @@ def _weighed(judge: Search | None, explanation: Explanation) -> Explanation:
     alike = agreements(judge, explanation.fit)
     found = tuple(replace(f, agreement=a) for f, a in zip(explanation.found, alike, strict=True))
     return replace(explanation, found=found)
+
+
+def _sized(explanation: Explanation, near: float = 15.0) -> Explanation:
+    """Let a simpler law stand, if one is near, for a law of which no parameter is known."""
+    search = explanation.search
+    for j, found in enumerate(explanation.found):
+        if explanation.everywhere or not found.candidate.named or fi.is_sized(explanation, j):
+            continue
+        dry_first = sorted(found.rivals, key=lambda r: -r[1] - PREFERENCE * (r[0].effect.name == "coulomb_friction"))
+        for rival, difference in dry_first:
+            if not rival.named or search.size(rival) >= search.size(found.candidate) or difference < -near:
+                continue
+            others = [f.candidate for f in explanation.found]
+            simpler = explained(search, explanation.bank, [*others[:j], rival, *others[j + 1 :]])
+            if fi.is_sized(simpler, j):
+                return _sized(simpler)
+    return explanation
 
 
 def _reconsidered(judge: Search, explanation: Explanation) -> Explanation:

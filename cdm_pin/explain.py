@@ -16,6 +16,11 @@ from .robust import UNSURE, is_coarse, robust_score
 from .selection import Bank, Fit, ProgressCallback, Score, Search, all_candidates, family_wise, rms, tones
 from .whitening import Whitener
 
+REFINING = ("stribeck_friction", "asymmetric_friction", "position_dependent_friction", "friction_drift")
+"""Laws whose first column is dry friction, the others what refines it."""
+PREFERENCE = 2.0
+"""By how much log-likelihood less a simpler law, dry friction above all, is named nevertheless."""
+
 
 @dataclass(frozen=True)
 class Found:
@@ -193,7 +198,10 @@ def _in_turn(
 
 
 def _simplest(explanation: Explanation) -> Explanation:
-    """Let the simplest of the laws stand that the data cannot tell apart, at a place above all; dry friction first."""
+    """Let that of the laws stand which the data make likeliest, at a place above all; of equals the simplest.
+
+    Dry friction is the simplest of its kin. Laws that are alike in penalised likelihood are weighed by their evidence.
+    """
     search, accepted = explanation.search, [f.candidate for f in explanation.found]
     for j, found in enumerate(explanation.found):
         slack = search.settings.within(found.score.statistic)
@@ -204,6 +212,11 @@ def _simplest(explanation: Explanation) -> Explanation:
                 continue
             if rival.named == found.candidate.named and difference > -(slack if here else search.settings.close):
                 alike.append(rival)
+        if found.candidate.named and len(alike) > 1:
+            without = search.without(explanation.fit, j)
+            known = [evidence(search, without, c, found.score.statistic) for c in alike]
+            equal = max(PREFERENCE, 0.5 * search.settings.law_error**2 * found.score.statistic)
+            alike = [c for c, own in zip(alike, known, strict=True) if own >= max(known) - equal]
         rubs = "coulomb_friction" in found.candidate.effect.confounded
         accepted[j] = min(
             alike, key=lambda c, rubs=rubs: (search.size(c), rubs and c.effect.name != "coulomb_friction")
@@ -452,6 +465,24 @@ def _worth(search: Search, clear: Fit, accepted: list[Candidate], rest: list[Can
 def gain(search: Search, fit: Fit, candidate: Candidate, score: Score) -> float:
     """Give the log-likelihood gained less half of BIC's penalty."""
     return 0.5 * score.statistic - 0.5 * np.log(fit.n_rows) * (score.k + candidate.extra)
+
+
+def evidence(search: Search, without: Fit, candidate: Candidate, size: float) -> float:
+    """Give the log-likelihood that a candidate gains, less what its parameters could have fitted of anything.
+
+    Before the data are seen, each coefficient may bring a torque as large as that which is explained, `size`, the
+    whitened sum of squares: a refinement that the data hardly see costs nothing, one that they would see well costs as
+    much as it could have been off. What refines dry friction has coefficients as large as its own. What is estimated of
+    the shape counts as it does in Akaike's criterion.
+    """
+    columns = search.white(without.whitener, search.columns(candidate))
+    norm = np.linalg.norm(columns, axis=1, keepdims=True)
+    left = without.rest(np.divide(columns, norm, out=np.zeros_like(columns), where=norm > 0))
+    if candidate.effect.name in REFINING and norm[0] > 0:
+        own = slice(1, len(candidate.effect.signs))  # without what details the sign of a velocity
+        left[own] *= np.minimum(norm[own] / norm[0], 1.0)
+    room = float(np.linalg.slogdet(np.eye(len(left)) + size * left @ left.T)[1])
+    return 0.5 * search.score(without, candidate).statistic - 0.5 * room - candidate.extra
 
 
 def _passes(search: Search, candidate: Candidate, score: Score, weight: float, fit: Fit) -> bool:

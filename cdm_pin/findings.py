@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from .effects import CATALOGUE, SWUNG, Candidate, Columns, Effect, coupled_alike, parallel
-from .explain import Explanation, Found
+from .explain import Explanation, Found, evidence
 from .geometry import Vector
 from .model import CableModel
 from .motion import Motion
@@ -157,10 +157,17 @@ EQUAL = 0.9999
 """Canonical correlation of dry friction with what is dry friction on these data."""
 LEAST = 0.002
 """Relative accuracy beyond which no parameter is known."""
-REFINING = ("stribeck_friction", "asymmetric_friction", "position_dependent_friction", "friction_drift")
-"""Laws whose first column is dry friction, the others what refines it."""
 SHAPES = ("phase", "cycles", "form", "ratio", "stribeck_velocity", "time_constant", "rest", "start", "end")
 """Parameters that say what an effect looks like, not how large it is."""
+
+
+def is_sized(explanation: Explanation, j: int) -> bool:
+    """Whether any parameter of finding `j` that says how large it is is known (`is_known`)."""
+    candidate, fit = explanation.found[j].candidate, explanation.fit
+    covariance, betas, shapes = joint_covariance(explanation.search, fit)
+    index = np.r_[betas[j], shapes[j]]
+    spread = covariance[np.ix_(index, index)]
+    return is_known(parameters(candidate, fit.beta[j], spread), candidate, fit.beta[j], spread)
 
 
 def is_known(
@@ -269,33 +276,15 @@ def _leaning(search: Search, without: Fit, found: Found) -> list[tuple[Candidate
     own = found.candidate
     torque = search.score(without, own).beta @ search.white(without.whitener, search.columns(own))
     size = float(torque @ torque)
-    evidence = _evidence(search, without, own, size)
+    known = evidence(search, without, own, size)
     rivals = [c for c, _ in found.rivals if c.named]
-    differences = [_evidence(search, without, c, size) - evidence for c in rivals]
+    differences = [evidence(search, without, c, size) - known for c in rivals]
     turn = Counter[str]()
     order = []
     for difference, i in sorted((-d, i) for i, d in enumerate(differences)):
         turn[rivals[i].effect.name] += 1
         order.append((turn[rivals[i].effect.name], difference, i))
     return [(rivals[i], -difference) for _, difference, i in sorted(order)]
-
-
-def _evidence(search: Search, without: Fit, candidate: Candidate, size: float) -> float:
-    """Give the log-likelihood that a candidate gains, less what its parameters could have fitted of anything.
-
-    Before the data are seen, each coefficient may bring a torque as large as that which is explained, `size`, the
-    whitened sum of squares: a refinement that the data hardly see costs nothing, one that they would see well costs as
-    much as it could have been off. What refines dry friction has coefficients as large as its own. What is estimated of
-    the shape counts as it does in Akaike's criterion.
-    """
-    columns = search.white(without.whitener, search.columns(candidate))
-    norm = np.linalg.norm(columns, axis=1, keepdims=True)
-    left = without.rest(np.divide(columns, norm, out=np.zeros_like(columns), where=norm > 0))
-    if candidate.effect.name in REFINING and norm[0] > 0:
-        own = slice(1, len(candidate.effect.signs))  # without what details the sign of a velocity
-        left[own] *= np.minimum(norm[own] / norm[0], 1.0)
-    room = float(np.linalg.slogdet(np.eye(len(left)) + size * left @ left.T)[1])
-    return 0.5 * search.score(without, candidate).statistic - 0.5 * room - candidate.extra
 
 
 @lru_cache(maxsize=4096)
