@@ -19,6 +19,7 @@ from .explain import (
     Explanation,
     Found,
     asked_but_for_laws,
+    evidence,
     explain,
     explained,
     is_loud,
@@ -42,6 +43,7 @@ from .unexplained import (
     beyond_training,
     nameless,
     noise_floor,
+    of_no_size,
     swinging_torque,
     wandering_torque,
 )
@@ -302,14 +304,18 @@ def _weighed(judge: Search | None, explanation: Explanation) -> Explanation:
 
 
 def _sized(explanation: Explanation, near: float = 15.0) -> Explanation:
-    """Let a simpler law stand, if one is near, for a law of which no parameter is known."""
+    """Let a simpler law stand, if one is near and as likely, for a law of which no parameter is known."""
     search = explanation.search
     for j, found in enumerate(explanation.found):
         if explanation.everywhere or not found.candidate.named or fi.is_sized(explanation, j):
             continue
+        without = search.without(explanation.fit, j)
+        least = evidence(search, without, found.candidate, found.score.statistic) - search.settings.close
         dry_first = sorted(found.rivals, key=lambda r: -r[1] - PREFERENCE * (r[0].effect.name == "coulomb_friction"))
         for rival, difference in dry_first:
             if not rival.named or search.size(rival) >= search.size(found.candidate) or difference < -near:
+                continue
+            if evidence(search, without, rival, found.score.statistic) < least:
                 continue
             others = [f.candidate for f in explanation.found]
             simpler = explained(search, explanation.bank, [*others[:j], rival, *others[j + 1 :]])
@@ -473,7 +479,7 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
     named.sort(key=lambda j: -explanation.found[j].score.statistic)
     covariance, betas, shapes = fi.joint_covariance(search, fit)
     own_rigid = search.stiff.fit([])
-    stated = {}
+    stated, sized = {}, set[int]()
     fitted: dict[int, dict[str, Any]] = {}
     for j in named:
         found = explanation.found[j]
@@ -481,6 +487,8 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
         spread = covariance[np.ix_(index, index)]
         values = fi.parameters(found.candidate, fit.beta[j], spread)
         known = fi.is_known(values, found.candidate, fit.beta[j], spread)
+        if known:
+            sized.add(j)
         sure = known and fi.is_admissible(found.candidate.effect, values) and found.gain >= 5.0
         if sure and fi.is_above_steps(search, found.candidate, values):
             stated[j] = values
@@ -505,6 +513,8 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
             unexplained = beyond_training(judge, fit)
             if unexplained is not None:
                 stated = {j: v for j, v in stated.items() if _carries(judge, explanation, j)}
+        if unexplained is None and not stated:
+            unexplained = of_no_size(explanation, [j for j in named if j not in sized])
         if disputed and unexplained is None:
             unexplained = nameless(explanation, only_loud=True)
             if unexplained is not None:  # nor can what happens once be confirmed then

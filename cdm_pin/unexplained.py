@@ -55,6 +55,25 @@ def at_corrections(explanation: Explanation, corrections: Sequence[Found]) -> di
     )
 
 
+def of_no_size(explanation: Explanation, which: Sequence[int]) -> dict[str, Any] | None:
+    """Describe the largest of some findings of whose laws no parameter is known; None where there is none."""
+    found = [explanation.found[j] for j in which if "index" in explanation.found[j].candidate.location]
+    if not found:
+        return None
+    main, search = max(found, key=lambda f: f.score.statistic), explanation.search
+    beta = explanation.fit.beta[explanation.found.index(main)]
+    size = rms(search, [np.tensordot(beta, columns, 1) for columns in search.columns(main.candidate)])
+    place, name = main.candidate.location, main.candidate.effect.name
+    laws = [main.candidate, *(rival for rival, _ in main.rivals if rival.named)][:3]
+    return something(
+        place["kind"],
+        place["index"],
+        f"like {name.replace('_', ' ')}, but no parameter of it is known",
+        float(np.sqrt(np.sum(size**2))),
+        nearest=[{"effect": c.effect.name, "location": c.location} for c in laws],
+    )
+
+
 def something(
     kind: str,
     index: int | Sequence[int],

@@ -149,12 +149,20 @@ def test_no_law_takes_the_place_of_two(monkeypatch):
     spring, tilt = (Candidate(CATALOGUE[name], places[1]) for name in ("joint_spring", "encoder_offset"))
     simple = Candidate(CATALOGUE["viscous_friction"], places[1])
     search = SimpleNamespace(
-        settings=Settings(), size=lambda c: 1 + (c is not simple), noise=lambda a: None, tuned=lambda a, noise: a
+        settings=Settings(),
+        size=lambda c: 1 + (c is not simple),
+        noise=lambda a: None,
+        tuned=lambda a, noise: a,
+        without=lambda fit, j: None,
     )
     score = Score(100.0, 1, np.ones(1), 1.0, 1.0)
     found = [explain.Found(c, score, 50.0, -50.0, ((simple, 0.0),)) for c in (spring, tilt)]
     monkeypatch.setattr(explain, "explained", lambda search, bank, accepted: accepted)
-    assert explain._simplest(SimpleNamespace(search=search, found=found, bank=None)) == [simple, tilt]
+    explanation = SimpleNamespace(search=search, found=found, fit=None, bank=None)
+    monkeypatch.setattr(explain, "evidence", lambda search, without, candidate, size: 0.0)
+    assert explain._simplest(explanation) == [simple, tilt]
+    monkeypatch.setattr(explain, "evidence", lambda search, without, candidate, size: -9.0 * (candidate is simple))
+    assert explain._simplest(explanation) == [spring, tilt]
 
 
 def test_what_failed_only_beside_another_stays(monkeypatch):
