@@ -63,12 +63,12 @@ def of_no_size(explanation: Explanation, which: Sequence[int]) -> dict[str, Any]
     main, search = max(found, key=lambda f: f.score.statistic), explanation.search
     beta = explanation.fit.beta[explanation.found.index(main)]
     size = rms(search, [np.tensordot(beta, columns, 1) for columns in search.columns(main.candidate)])
-    place, name = main.candidate.location, main.candidate.effect.name
+    place = main.candidate.location
     laws = [main.candidate, *(rival for rival, _ in main.rivals if rival.named)][:3]
     return something(
         place["kind"],
         place["index"],
-        f"like {name.replace('_', ' ')}, but no parameter of it is known",
+        "by a law of which these data tell no parameter",
         float(np.sqrt(np.sum(size**2))),
         nearest=[{"effect": c.effect.name, "location": c.location} for c in laws],
     )
