@@ -41,6 +41,7 @@ from .unexplained import (
     at_corrections,
     beyond_floor,
     beyond_training,
+    is_far,
     nameless,
     noise_floor,
     of_no_size,
@@ -165,7 +166,8 @@ def diagnose(
     lost = [f for f in first.found if f.candidate not in explanation.fit.effects and is_loud(f.score)]
     rough = explanation.fit.deviance > 2.0 * explanation.fit.n_rows  # bursts that no estimate of the noise has in it
     say("sensitivities", 0.95)
-    return _report(model, judge, explanation, (bool(lost) or rough) and not first.everywhere)
+    disputed = bool(lost) or rough or is_far(explanation.search, explanation.fit)
+    return _report(model, judge, explanation, disputed and not first.everywhere)
 
 
 def _swinging(
@@ -519,6 +521,9 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
             unexplained = nameless(explanation, only_loud=True)
             if unexplained is not None:  # nor can what happens once be confirmed then
                 stated = {j: v for j, v in stated.items() if explanation.found[j].candidate.effect.name not in ONCE}
+            if unexplained is not None and is_far(search, fit):  # nor what sits where something else is
+                place = unexplained["location"]
+                stated = {j: v for j, v in stated.items() if explanation.found[j].candidate.location != place}
     if unexplained is None and not stated:
         unexplained = swinging_torque(search)
     for j, values in stated.items():

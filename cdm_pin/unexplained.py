@@ -25,6 +25,10 @@ WANDERING = 300.0
 """Slow power over quick power that no noise of a torque's measurement has; a drift that is no fault stays below 30."""
 TONE = 300.0
 """Power of a line in a torque's spectrum over the median around it that no noise has; noise alone reaches some 15."""
+ROUGH = 1.5
+"""What is left over that beside smooth functions of the state, from which something is still to be explained."""
+FAR = 5.0
+"""What is left over the noise of the sensors that no noise of theirs is."""
 HIGHEST = 20.0
 """Frequency up to which a line is taken for a disturbance of the arm [Hz]; above it mains and amplifiers hum."""
 
@@ -127,6 +131,15 @@ def beyond_floor(search: Search, judge: Search | None, explanation: Explanation)
     words = f"the error of motor {motor} is {ratio[worst]:.1f} times its noise, in no shape that was tried"
     samples = fit.n_rows / search.problem.n_channels
     return something("motor", motor, words, float(rest[worst])), float(ratio[worst] ** 2 - 1) * samples
+
+
+def is_far(search: Search, fit: Fit) -> bool:
+    """Whether a fit leaves torques far above the sensors' noise, much of which smooth functions of the state take."""
+    if not search.problem.torque or not any(search.problem.segments):
+        return False
+    left, noise = (search.left_over(fit.effects, smooth=smooth)[1].rms for smooth in (False, True))
+    far = (left > ROUGH * noise) & (left > FAR * search.problem.sensed)
+    return bool(np.any(far[: search.problem.model.n_motors]))
 
 
 def beyond_training(judge: Search, fit: Fit, limit: float = 4.0) -> dict[str, Any] | None:

@@ -20,6 +20,7 @@ from cdm_pin.robust import bursts, robust_score
 from cdm_pin.selection import Score, Search, Settings, all_candidates
 from cdm_pin.sensor_noise import motion_limit
 from cdm_pin.signals import prepare
+from cdm_pin.unexplained import is_far
 from cdm_pin.wording import clause
 
 
@@ -207,3 +208,19 @@ def test_a_blurred_sign_does_not_rise_above_its_friction(tmp_path, effect, seed)
     if effect == "stribeck_friction":
         own, true = finding["parameters"], truth["effects"][0]["parameters"]
         assert all(own[name]["value"] == pytest.approx(true[name], rel=0.05) for name in true)
+
+
+@pytest.mark.parametrize(
+    ("left", "smooth", "far"),
+    [(0.5, 0.1, True), (0.5, 0.4, False), (0.04, 0.01, False)],  # structure; none; below what sensors bring
+)
+def test_structure_far_above_the_sensors_noise_is_far(left, smooth, far):
+    """What smooth functions of the state take out of a residual counts only far above the sensors' noise."""
+    search = SimpleNamespace(
+        problem=SimpleNamespace(
+            torque=True, segments=[[(0, 9)]], sensed=np.array([0.01]), model=SimpleNamespace(n_motors=1)
+        ),
+        left_over=lambda effects, smooth: (None, SimpleNamespace(rms=np.array([smooth_rms if smooth else left]))),
+    )
+    smooth_rms = smooth
+    assert is_far(search, SimpleNamespace(effects=())) == far
