@@ -308,9 +308,10 @@ def _weighed(judge: Search | None, explanation: Explanation) -> Explanation:
 def _sized(explanation: Explanation, near: float = 15.0) -> Explanation:
     """Let a simpler law stand, if one is near and as likely, for a law of which no parameter is known."""
     search = explanation.search
-    for j, found in enumerate(explanation.found):
-        if explanation.everywhere or not found.candidate.named or fi.is_sized(explanation, j):
-            continue
+    if explanation.everywhere or not explanation.found:
+        return explanation
+    for j in fi.unsized(explanation):
+        found = explanation.found[j]
         without = search.without(explanation.fit, j)
         least = evidence(search, without, found.candidate, found.score.statistic) - search.settings.close
         dry_first = sorted(found.rivals, key=lambda r: -r[1] - PREFERENCE * (r[0].effect.name == "coulomb_friction"))
@@ -321,7 +322,7 @@ def _sized(explanation: Explanation, near: float = 15.0) -> Explanation:
                 continue
             others = [f.candidate for f in explanation.found]
             simpler = explained(search, explanation.bank, [*others[:j], rival, *others[j + 1 :]])
-            if fi.is_sized(simpler, j):
+            if j not in fi.unsized(simpler):
                 return _sized(simpler)
     return explanation
 
@@ -481,7 +482,7 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
     named.sort(key=lambda j: -explanation.found[j].score.statistic)
     covariance, betas, shapes = fi.joint_covariance(search, fit)
     own_rigid = search.stiff.fit([])
-    stated, sized = {}, set[int]()
+    stated = {}
     fitted: dict[int, dict[str, Any]] = {}
     for j in named:
         found = explanation.found[j]
@@ -489,8 +490,6 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
         spread = covariance[np.ix_(index, index)]
         values = fi.parameters(found.candidate, fit.beta[j], spread)
         known = fi.is_known(values, found.candidate, fit.beta[j], spread)
-        if known:
-            sized.add(j)
         sure = known and fi.is_admissible(found.candidate.effect, values) and found.gain >= 5.0
         if sure and fi.is_above_steps(search, found.candidate, values):
             stated[j] = values
@@ -515,8 +514,8 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
             unexplained = beyond_training(judge, fit)
             if unexplained is not None:
                 stated = {j: v for j, v in stated.items() if _carries(judge, explanation, j)}
-        if unexplained is None and not stated:
-            unexplained = of_no_size(explanation, [j for j in named if j not in sized])
+        if unexplained is None and named and not stated:
+            unexplained = of_no_size(explanation, fi.unsized(explanation))
         if disputed and unexplained is None:
             unexplained = nameless(explanation, only_loud=True)
             if unexplained is not None:  # nor can what happens once be confirmed then

@@ -161,13 +161,16 @@ SHAPES = ("phase", "cycles", "form", "ratio", "stribeck_velocity", "time_constan
 """Parameters that say what an effect looks like, not how large it is."""
 
 
-def is_sized(explanation: Explanation, j: int) -> bool:
-    """Whether any parameter of finding `j` that says how large it is is known (`is_known`)."""
-    candidate, fit = explanation.found[j].candidate, explanation.fit
+def unsized(explanation: Explanation) -> list[int]:
+    """List the findings with a name of which no parameter that says how large they are is known (`is_known`)."""
+    fit, out = explanation.fit, []
     covariance, betas, shapes = joint_covariance(explanation.search, fit)
-    index = np.r_[betas[j], shapes[j]]
-    spread = covariance[np.ix_(index, index)]
-    return is_known(parameters(candidate, fit.beta[j], spread), candidate, fit.beta[j], spread)
+    for j, candidate in enumerate(f.candidate for f in explanation.found):
+        index = np.r_[betas[j], shapes[j]]
+        spread = covariance[np.ix_(index, index)]
+        if candidate.named and not is_known(parameters(candidate, fit.beta[j], spread), candidate, fit.beta[j], spread):
+            out.append(j)
+    return out
 
 
 def is_known(

@@ -127,16 +127,13 @@ def motion_limit(model: CableModel, signals: Signals, most: float, chance: float
     q = both_positions(model, signals.logged)[0][start:stop]
     smooth = lowpass(q, signals.rate, SMOOTH)
     n = min(len(q) - 2, int(16.0 * signals.rate))
-    f, power, steps = (
-        welch(np.diff(x, 2, axis=0), signals.rate, nperseg=n, axis=0)[k]
-        for k, x in ((0, q), (1, q), (1, _rounded(model, signals, smooth) - smooth))
-    )
+    f, power = welch(np.diff(q, 2, axis=0), signals.rate, nperseg=n, axis=0)
+    rounding = _rounded(model, signals, smooth) - smooth
+    steps = welch(np.diff(rounding, 2, axis=0), signals.rate, nperseg=n, axis=0)[1]
     gain = (2.0 - 2.0 * np.cos(2.0 * np.pi * f / signals.rate)) ** 2
     noise = np.maximum(gain[:, None] * position_noise(model, signals) ** 2 / (0.5 * signals.rate), steps)
     width = max(int(0.5 * n / signals.rate), 1)  # half a hertz
-    free = 2.0 * (
-        1.0 + 0.95 * (len(q) / n - 1.0)
-    )  # degrees of freedom of a line: of Hann's windows that overlap by half
+    free = 2.0 * (1.0 + 0.95 * (len(q) / n - 1.0))  # degrees of freedom of a line, Hann's windows overlapping by half
     many = free * max(width / 1.5, 1.0)
     least, line = max(2.0, chi2.isf(chance, many) / many), max(8.0, chi2.isf(chance, free) / free)
     heard = uniform_filter1d(power, width, axis=0) > least * uniform_filter1d(noise, width, axis=0)

@@ -47,9 +47,7 @@ def at_corrections(explanation: Explanation, corrections: Sequence[Found]) -> di
     search = explanation.search
     main = max(corrections, key=lambda f: f.score.statistic)
     j = explanation.found.index(main)
-    columns = search.columns(main.candidate)
-    torque = [np.tensordot(explanation.fit.beta[j], c, 1) for c in columns]
-    size = float(np.sqrt(np.sum(rms(search, torque) ** 2)))
+    size = _size(explanation, j)
     place = main.candidate.location
     words = f"{place['kind']} {place['index']}"
     nearest = [{"effect": r.effect.name, "location": r.location} for r, _ in main.rivals if r.named][:3]
@@ -64,18 +62,24 @@ def of_no_size(explanation: Explanation, which: Sequence[int]) -> dict[str, Any]
     found = [explanation.found[j] for j in which if "index" in explanation.found[j].candidate.location]
     if not found:
         return None
-    main, search = max(found, key=lambda f: f.score.statistic), explanation.search
-    beta = explanation.fit.beta[explanation.found.index(main)]
-    size = rms(search, [np.tensordot(beta, columns, 1) for columns in search.columns(main.candidate)])
+    main = max(found, key=lambda f: f.score.statistic)
+    size = _size(explanation, explanation.found.index(main))
     place = main.candidate.location
     laws = [main.candidate, *(rival for rival, _ in main.rivals if rival.named)][:3]
     return something(
         place["kind"],
         place["index"],
         "by a law of which these data tell no parameter",
-        float(np.sqrt(np.sum(size**2))),
+        size,
         nearest=[{"effect": c.effect.name, "location": c.location} for c in laws],
     )
+
+
+def _size(explanation: Explanation, j: int) -> float:
+    """Give the root mean square of the torques of finding `j`, all motors together."""
+    search, beta = explanation.search, explanation.fit.beta[j]
+    torque = [np.tensordot(beta, columns, 1) for columns in search.columns(explanation.found[j].candidate)]
+    return float(np.sqrt(np.sum(rms(search, torque) ** 2)))
 
 
 def something(
