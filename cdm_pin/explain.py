@@ -214,6 +214,8 @@ def _simplest(explanation: Explanation) -> Explanation:
                 alike.append(rival)
         if found.candidate.named and len(alike) > 1:
             without = search.without(explanation.fit, j)
+            braking = [c for c in alike if is_plausible(c, search.score(without, c), without.effects)]
+            alike = braking or alike
             known = [evidence(search, without, c, found.score.statistic) for c in alike]
             equal = max(PREFERENCE, 0.5 * search.settings.law_error**2 * found.score.statistic)
             alike = [c for c, own in zip(alike, known, strict=True) if own >= max(known) - equal]
@@ -678,13 +680,16 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
 
 
 def is_plausible(candidate: Candidate, score: Score, beside: Sequence[Candidate] = (), most: float = 4.0) -> bool:
-    """Whether breaking away takes no more than a few times dry friction: what peaks higher is the velocity's noise.
+    """Whether friction brakes both ways, and breaking away takes no more than a few times what sliding does.
 
-    Dry friction `beside` it, at the same place, has a share of its own.
+    What peaks higher is the velocity's noise, and what drives one way is a constant torque. Dry friction `beside` it, at
+    the same place, has a share of its own.
     """
-    if candidate.effect.name != "stribeck_friction" or any(_meets(candidate, other) for other in beside):
+    if any(_meets(candidate, other) for other in beside):
         return True
-    return score.beta[1] <= most * score.beta[0]
+    if candidate.effect.name == "asymmetric_friction":
+        return abs(score.beta[1]) <= score.beta[0]
+    return candidate.effect.name != "stribeck_friction" or score.beta[1] <= most * score.beta[0]
 
 
 def _rough(x: float) -> float:

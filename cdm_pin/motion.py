@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 from scipy.fft import dst, idst
-from scipy.ndimage import uniform_filter1d
+from scipy.signal import welch
+from scipy.signal.windows import tukey
 
 from .cables import hinge_reaction
 from .dynamics import inverse_dynamics, joint_wrenches
@@ -29,6 +30,8 @@ FELT = 5.0
 """Up to which frequency torques tell on which side of its play a cable is [Hz]."""
 CLEAR = 10.0
 """Power over that of the positions' noise from which a torque is known at a frequency."""
+WINDOW, RAMP, SLOWEST = 8.0, 0.25, 1.0
+"""Over what a torque's power is taken, how long its ends fade [s], and up to which frequency it is always known [Hz]."""
 
 
 @dataclass(frozen=True)
@@ -326,12 +329,18 @@ class Motion:
         """
         if self.inertia_noise is None:
             return self.cable_torque
-        line = np.linspace(self.cable_torque[0], self.cable_torque[-1], self.n)
-        sines = np.asarray(dst((self.cable_torque - line)[1:-1], type=1, axis=0))
-        f = np.arange(1, self.n - 1)[:, None] * self.rate / (2 * (self.n - 1))
-        noise = 2 * (self.n - 1) * (self.inertia_noise / self.model.arm_scale * (2 * np.pi * f) ** 2) ** 2
-        known = uniform_filter1d(sines**2, 21, axis=0) > CLEAR * noise
-        return line + np.pad(np.asarray(idst(sines * known, type=1, axis=0)), ((1, 1), (0, 0)))
+        from .signals_filters import lowpass
+
+        slow = lowpass(self.cable_torque, self.rate, SLOWEST)
+        ramp = min(2.0 * RAMP * self.rate / self.n, 1.0)
+        sines = np.asarray(dst(((self.cable_torque - slow) * tukey(self.n, ramp)[:, None])[1:-1], type=1, axis=0))
+        window = min(self.n, round(WINDOW * self.rate))  # medians: accelerations beside ends and gaps are wild
+        lines, power = welch(self.cable_torque, self.rate, nperseg=window, average="median", axis=0)
+        noise = (self.inertia_noise / self.model.arm_scale * (2 * np.pi * lines[:, None]) ** 2) ** 2 / (0.5 * self.rate)
+        known = power > CLEAR * noise
+        f = np.arange(1, self.n - 1) * self.rate / (2 * (self.n - 1))
+        sines *= known[np.rint(f * window / self.rate).astype(int)]
+        return slow + np.pad(np.asarray(idst(sines, type=1, axis=0)), ((1, 1), (0, 0)))
 
     def part(self, part: slice) -> Motion:
         """Give some samples of the motion alone."""
