@@ -7,6 +7,7 @@ its shapes are fitted beside the rigid body instead, for every motor and recordi
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import f as f_distribution
@@ -20,9 +21,27 @@ LONG = 1.5
 """Longest period over the duration: a zero that moves so slowly leaves a constant behind that tells nothing."""
 LOUD = 6.0
 """What is so many times the rest of the noise is no drift of a sensor: a fault."""
+QUICKER = 3
+"""How many more waves a drift may take that is quicker than usual."""
 
 
-def slow_shapes(n: int, rate: float, stretch: float) -> Vector:
+@dataclass(frozen=True)
+class Drift:
+    """What the zeros of sensors do on some recordings.
+
+    Attributes
+    ----------
+    columns : list of ndarray, shape (k, n_channels, n)
+        One per run.
+    quicker : int
+        By how many waves more than usual (`slow_shapes`) the zeros were seen to move.
+    """
+
+    columns: list[Vector]
+    quicker: int = 0
+
+
+def slow_shapes(n: int, rate: float, stretch: float, quicker: int = 0) -> Vector:
     """Give a ramp and slow waves, no quicker than one period in some 40 s, shape (n_shapes, n).
 
     Parameters
@@ -33,19 +52,26 @@ def slow_shapes(n: int, rate: float, stretch: float) -> Vector:
         [Hz].
     stretch : float
         Longest period over the duration.
+    quicker : int
+        How many harmonics more.
     """
     t = np.arange(n) / rate
     period = stretch * max(t[-1], 40.0)
-    count = int(np.clip(round(period / 45.0), 2, 8))
+    count = int(np.clip(round(period / 45.0), 2, 8)) + quicker
     phase = 2 * np.pi * t / period
     return np.stack([t / max(t[-1], 1e-9), *(f(k * phase) for k in range(1, count + 1) for f in (np.sin, np.cos))])
 
 
 def drift_columns(
-    lengths: Sequence[int], rate: float, n_channels: int, channels: Sequence[int], stretch: float
+    lengths: Sequence[int],
+    rate: float,
+    n_channels: int,
+    channels: Sequence[int],
+    stretch: float,
+    quicker: int = 0,
 ) -> list[Vector]:
     """Give each of some channels slow shapes of its own on every run, per run (n_columns, n_channels, n)."""
-    shapes = [slow_shapes(n, rate, stretch) for n in lengths]
+    shapes = [slow_shapes(n, rate, stretch, quicker) for n in lengths]
     total = sum(len(s) for s in shapes) * len(channels)
     out, first = [], 0
     for own in shapes:
@@ -58,9 +84,14 @@ def drift_columns(
 
 
 def drifting_channels(
-    residuals: Sequence[Vector], basis: Sequence[Vector], segments: Sequence[Segments], rate: float
+    residuals: Sequence[Vector],
+    basis: Sequence[Vector],
+    segments: Sequence[Segments],
+    rate: float,
+    n_motors: int,
+    quicker: int = 0,
 ) -> list[int]:
-    """Find the channels in which the slow shapes have more power than the frequencies next to them.
+    """Find the motors in whose torque the slow shapes have more power than the frequencies next to them.
 
     Parameters
     ----------
@@ -71,30 +102,33 @@ def drifting_channels(
     segments : sequence of Segments
     rate : float
         [Hz].
+    n_motors : int
+        Their torques are the first channels.
+    quicker : int
+        Where it is not 0, it is the quickest of that many further waves that is asked for, beside all others.
     """
-    n_channels = residuals[0].shape[0]
-    power, total = np.zeros((n_channels, 2)), np.zeros(n_channels)
-    room = np.zeros((n_channels, 2))
+    power, total, room = np.zeros((n_motors, 2)), np.zeros(n_motors), np.zeros((n_motors, 2))
     for e, q, run in zip(residuals, basis, segments, strict=True):
         for a, b in run:
             n = b - a
             if n < 0.5 * e.shape[1]:
                 continue
-            slow = slow_shapes(n, rate, LONG)
-            Q = np.linalg.qr(np.concatenate([np.ones((1, n)), slow]).T)[0][:, 1:]
+            slow = slow_shapes(n, rate, LONG, quicker)
+            Q = np.linalg.qr(np.concatenate([np.ones((1, n)), slow]).T)[0]
             t = np.arange(n) / rate
             top = len(slow) // 2 / (LONG * max(t[-1], 40.0))  # the quickest of the slow ones
             near = np.arange(1.5 * top, 6.0 * top, 0.5 / t[-1])
             phase = 2 * np.pi * np.outer(t, near)
             R = np.linalg.qr(np.concatenate([Q, np.cos(phase), np.sin(phase)], axis=1))[0][:, Q.shape[1] :]
-            total += np.sum((e[:, a:b] - e[:, a:b].mean(axis=1, keepdims=True)) ** 2, axis=1)
-            for c in range(n_channels):
-                for k, U in enumerate((Q, R)):
-                    power[c, k] += float(np.sum((e[c, a:b] @ U) ** 2))
+            x = e[:n_motors, a:b]
+            total += np.sum((x - x.mean(axis=1, keepdims=True)) ** 2, axis=1)
+            for c in range(n_motors):
+                for k, U in enumerate((Q[:, -2:] if quicker else Q[:, 1:], R)):
+                    power[c, k] += float(np.sum((x[c] @ U) ** 2))
                     room[c, k] += U.shape[1] - float(np.sum((q[:, c, a:b] @ U) ** 2))
     room = np.maximum(room, 1.0)
     ratio = (power[:, 0] / room[:, 0]) / np.maximum(power[:, 1] / room[:, 1], 1e-300)
-    sure, likely = (f_distribution.isf(p / n_channels, room[:, 0], room[:, 1]) for p in (ALARM, 100 * ALARM))
+    sure, likely = (f_distribution.isf(p / n_motors, room[:, 0], room[:, 1]) for p in (ALARM, 100 * ALARM))
     slow = power[:, 0] < LOUD**2 * np.maximum(total - power[:, 0], 0.0)
     return [int(c) for c in np.flatnonzero((ratio > likely) & slow)] if np.any((ratio > sure) & slow) else []
 

@@ -205,13 +205,20 @@ def _simplest(explanation: Explanation) -> Explanation:
     search, accepted = explanation.search, [f.candidate for f in explanation.found]
     for j, found in enumerate(explanation.found):
         slack = search.settings.within(found.score.statistic)
-        alike = [found.candidate]
+        alike, within = [found.candidate], []
         for rival, difference in found.rivals:
             here = rival.place.location == found.candidate.place.location
             if any(rival.key == c.key for c in accepted):
                 continue
             if rival.named == found.candidate.named and difference > -(slack if here else search.settings.close):
                 alike.append(rival)
+            elif rival.named and here and _is_all_but_errors(search, explanation.fit, j, rival):
+                within.append(rival)
+        simplest = min((search.size(c) for c in alike))
+        within = [c for c in within if search.size(c) < simplest]
+        if within and found.candidate.named:
+            accepted[j] = min(within, key=search.size)
+            continue
         if found.candidate.named and len(alike) > 1:
             without = search.without(explanation.fit, j)
             braking = [c for c in alike if is_plausible(c, search.score(without, c), without.effects)]
@@ -224,6 +231,19 @@ def _simplest(explanation: Explanation) -> Explanation:
             alike, key=lambda c, rubs=rubs: (search.size(c), rubs and c.effect.name != "coulomb_friction")
         )
     return _with(explanation, accepted)
+
+
+def _is_all_but_errors(search: Search, fit: Fit, j: int, rival: Candidate) -> bool:
+    """Whether a simpler law explains all that effect `j` does but for what the laws may be wrong by."""
+    own, others = fit.effects[j], search.without(fit, j).effects
+    if search.size(rival) >= search.size(own):
+        return False
+    beside = search.fit([*others, rival], fit.whitener)
+    score = search.score(beside, own)
+    if not np.isfinite(score.statistic):
+        return False
+    more = score.beta @ beside.rest(search.white(fit.whitener, search.columns(own)))
+    return score.statistic < _error_of_laws(search, own, more, beside)
 
 
 def overshoot(candidate: Candidate, beta: Vector) -> float:
@@ -666,6 +686,7 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
         if (n < 4 and value > best - max(40.0, 0.15 * abs(best))) or (fine and value > 0.3 * best):
             pool.append(search.refine(fit, c) if c.shape else (c, s))
     pool = [(c, s) for c, s in pool if gain(search, fit, c, s) > 0 and is_plausible(c, s, fit.effects)]
+    pool = [(c, s) for c, s in pool if not hides_in_masses(search, fit, c, s.beta)]
     if not pool:
         return None
     top = max(pool, key=lambda item: gain(search, fit, *item))
@@ -690,6 +711,26 @@ def is_plausible(candidate: Candidate, score: Score, beside: Sequence[Candidate]
     if candidate.effect.name == "asymmetric_friction":
         return abs(score.beta[1]) <= score.beta[0]
     return candidate.effect.name != "stribeck_friction" or score.beta[1] <= most * score.beta[0]
+
+
+def hides_in_masses(search: Search, fit: Fit, candidate: Candidate, beta: Vector, most: float = 2.0) -> bool:
+    """Whether an effect needs masses that are further from the file's than those without it by more than all torque.
+
+    What masses cancel to nearly all of it may be any multiple of what is seen.
+    """
+    if not candidate.named or not search.problem.torque:
+        return False
+    p, problem = len(search.base.columns), search.problem
+    inside = beta @ search.white(fit.whitener, search.columns(candidate)) @ fit.body.Q
+    file = search.base.values(problem.sensors.model.standard_parameters)
+    without = search.base.values(problem.model.standard_parameters) - file + fit.base[:p]
+    changed = without - (fit.body.inverse @ inside)[:p]
+    loads = search.loads[: problem.model.n_motors]
+
+    def torque(change: Vector) -> Vector:
+        return rms(search, [np.tensordot(change, rigid[:p], 1) for rigid in search.rigid])[: len(loads)]
+
+    return bool(np.any(torque(changed) > most * np.maximum(loads, torque(without))))
 
 
 def _rough(x: float) -> float:

@@ -14,7 +14,7 @@ from scipy.optimize import minimize_scalar
 
 from .base import BaseParameters, massive_columns
 from .completed import effect_candidates
-from .drift import LONG, LOUD, drift_columns, drifting_channels, slow_shapes, without_drift
+from .drift import LONG, LOUD, QUICKER, Drift, drift_columns, drifting_channels, slow_shapes, without_drift
 from .effects import CATALOGUE, RATIOS, Candidate
 from .geometry import Vector
 from .model import CableModel
@@ -240,8 +240,8 @@ class Search:
     settings : Settings
     held : bool, optional
         Whether the stated payloads have columns of their own; if not given, where they differ.
-    drift : sequence of ndarray, shape (k, n_channels, n_reduced), optional
-        Columns, per run, of what the zeros of sensors do; they stand behind those of the rigid body.
+    drift : Drift, optional
+        What the zeros of sensors do; its columns stand behind those of the rigid body.
     """
 
     def __init__(
@@ -250,7 +250,7 @@ class Search:
         base: BaseParameters,
         settings: Settings,
         held: bool | None = None,
-        drift: Sequence[Vector] | None = None,
+        drift: Drift | None = None,
     ):
         self.problem, self.base, self.settings = problem, base, settings
         self.drift = drift
@@ -338,7 +338,7 @@ class Search:
         if self.held:
             parts.append([run.payload * Y[-10:] for run, Y in zip(self.problem.runs, self.problem.rigid, strict=True)])
         if self.drift is not None:
-            parts.append(list(self.drift))
+            parts.append(self.drift.columns)
         return [np.concatenate(own) for own in zip(*parts, strict=True)]
 
     @property
@@ -349,7 +349,7 @@ class Search:
     @property
     def n_bodies(self) -> int:
         """Number of columns of the rigid body and its payload."""
-        return self.n_rigid - (len(self.drift[0]) if self.drift else 0)
+        return self.n_rigid - (len(self.drift.columns[0]) if self.drift else 0)
 
     def with_drift(self, effects: Sequence[Candidate] = ()) -> Search:
         """Give the same search with the slow shapes of sensors' zeros beside the rigid body, where the data show them.
@@ -360,12 +360,15 @@ class Search:
         if not problem.torque or not any(problem.segments):
             return self
         rest, basis = self._rest(effects, self.smooth)
-        channels = drifting_channels(rest, basis, problem.segments, rate)
-        channels = [c for c in channels if c < problem.model.n_motors]
+        seen = rest, basis, problem.segments, rate, problem.model.n_motors
+        channels = drifting_channels(*seen)
         if not channels:
             return self
+        quicker = 0
+        while quicker < QUICKER and drifting_channels(*seen, quicker + 1):
+            quicker += 1
         lengths = [rigid.shape[2] for rigid in self.rigid]
-        drift = drift_columns(lengths, rate, problem.n_channels, channels, LONG)
+        drift = Drift(drift_columns(lengths, rate, problem.n_channels, channels, LONG, quicker), quicker)
         search = Search(problem, self.base, self.settings, self.held, drift)
         search._cache = self._cache
         for name in ("common", "plain", "loads", "smooth", "unshared", "nominal"):
@@ -378,7 +381,7 @@ class Search:
         if self.drift is None:
             return False
         own = fit.base[self.n_bodies : self.n_rigid]
-        drift = [np.tensordot(own, columns, 1) for columns in self.drift]
+        drift = [np.tensordot(own, columns, 1) for columns in self.drift.columns]
         rest = self.still(errors(self, fit.base, fit.effects, fit.beta))
         return bool(np.any(rms(self, drift) > LOUD * rms(self, rest)))
 
@@ -386,8 +389,9 @@ class Search:
         """Give a search on recordings that this one has not seen, with the same columns; their zeros are not known."""
         judge = Search(problem, self.base, self.settings, self.held)
         if self.drift is not None:
-            shape = len(self.drift[0]), problem.n_channels
-            judge.drift = [np.zeros((*shape, data.shape[2])) for data in problem.data]
+            shape = len(self.drift.columns[0]), problem.n_channels
+            none = [np.zeros((*shape, data.shape[2])) for data in problem.data]
+            judge.drift = replace(self.drift, columns=none)
         return judge
 
     def columns(self, candidate: Candidate) -> list[Vector]:
@@ -632,14 +636,16 @@ class Search:
         """
         n, rate = self.problem.n_channels, self.problem.band.rate / self.problem.band.step
         lengths = [rigid.shape[2] for rigid in self.rigid]
-        return drift_columns(lengths, rate, n, range(n), 1.0 if self.drift is None else LONG)
+        if self.drift is None:
+            return drift_columns(lengths, rate, n, range(n), 1.0)
+        return drift_columns(lengths, rate, n, range(n), LONG, self.drift.quicker)
 
     def still(self, errors: Sequence[Vector]) -> list[Vector]:
         """Take slow shapes out of errors where zeros were seen to drift, per run (n_channels, n_reduced)."""
         if self.drift is None:
             return list(errors)
         rate = self.problem.band.rate / self.problem.band.step
-        shapes = [slow_shapes(e.shape[1], rate, LONG) for e in errors]
+        shapes = [slow_shapes(e.shape[1], rate, LONG, self.drift.quicker) for e in errors]
         return [without_drift(*each) for each in zip(errors, self.problem.segments, shapes, strict=True)]
 
     @cached_property
