@@ -142,8 +142,8 @@ class Effect:
         Share of itself that the law may be wrong by; what else is found at the same time has to be larger. How a sign
         of velocity passes through zero is counted apart (`Candidate.doubts`).
     hidden : callable, optional
-        Motion, base parameters, coefficients -> what it brings from inertial parameters that the rest does not show,
-        as far as they may be wrong.
+        Motion, place, shape, base parameters, coefficients -> what else it may bring: from inertial parameters that the
+        rest does not show, as far as they may be wrong, or from torques of which its law may or may not speak.
     exact_travel : bool
         Whether the kinematic column is exact where the torque's is not.
     confounded : tuple of str
@@ -169,7 +169,7 @@ class Effect:
     carried: bool = True
     errors: Callable[[Place, Shape], dict[str, float]] = lambda place, shape: {}
     error: float = 0.01
-    hidden: Callable[[Motion, BaseParameters, Vector], Columns] | None = None
+    hidden: Callable[[Motion, Place, Shape, BaseParameters, Vector], Columns] | None = None
     detail: Callable[[Motion, Place, Shape, float], list[Vector]] | None = None
     confounded: tuple[str, ...] = ()
     revealed_by: str = ""
@@ -479,6 +479,17 @@ def _load(motion: Motion, place: Place, shape: Shape) -> Columns:
 def _torque(motion: Motion, place: Place, shape: Shape) -> Columns:
     tau = motion.tau if any(place.A) else motion.tau_m
     return _rub(motion, place, np.abs(tau[:, place.index[0]]) * _sign(motion, place, shape))
+
+
+def _other_torques(motion: Motion, place: Place, shape: Shape, base: BaseParameters, beta: Vector) -> Columns:
+    """Give what friction by torque brings if it follows the rotor's torque, or that of other effects, too."""
+    i, at_joint = place.index[0], any(place.A)
+    own = motion.tau[:, i] if at_joint else motion.tau_m[:, i]
+    others = [motion.driven_torque[:, i], motion.tau_m[:, i] + motion.a_m[:, i] * motion.model.rotor_inertia[i]]
+    if at_joint:
+        others = [own] if motion.extra_joint is None else [own + motion.extra_joint[:, i]]
+    size = beta[0] * _sign(motion, place, shape)
+    return _rub(motion, place, *((np.abs(other) - np.abs(own)) * size for other in others))
 
 
 def _by_position(motion: Motion, place: Place, shape: Shape) -> Columns:
@@ -885,7 +896,9 @@ def _tilt(motion: Motion, place: Place, shape: Shape) -> Columns:
     return Columns(np.stack(columns, axis=-1))
 
 
-def _unlevelled(motion: Motion, base: BaseParameters, beta: Vector, share: float = 0.2) -> Columns:
+def _unlevelled(
+    motion: Motion, place: Place, shape: Shape, base: BaseParameters, beta: Vector, share: float = 0.2
+) -> Columns:
     """Give what a tilt brings from inertial parameters that a level base hides, as far as the model's may be wrong.
 
     About a vertical axis the first moments of a link are felt only where the base is tilted.
@@ -893,6 +906,8 @@ def _unlevelled(motion: Motion, base: BaseParameters, beta: Vector, share: float
     Parameters
     ----------
     motion : Motion
+    place : Place
+    shape : tuple of float
     base : BaseParameters
         What a level base shows.
     beta : ndarray
@@ -1176,6 +1191,7 @@ CATALOGUE: dict[str, Effect] = {
             nuisance_shape=1,
             detail=_transition,
             weighs=True,
+            hidden=_other_torques,
         ),
         Effect(
             "torque_dependent_friction",
@@ -1445,7 +1461,7 @@ CATALOGUE: dict[str, Effect] = {
             exact=False,
             follows=True,
             carried=False,
-            error=0.05,
+            error=0.02,
             confounded=("payload", "torque_dependent_friction"),
             revealed_by="a known mass",
             inverse=lambda p: ([p["gain"] - 1.0], []),
@@ -1657,6 +1673,11 @@ class Candidate:
         series, w = columns.along
         size = float(np.sqrt(np.mean((beta @ series[: len(beta)]) ** 2))) * share * (0.25 if self.detail else 1.0)
         return Columns(along=(size * np.stack(self.effect.detail(motion, *self._here, self.shape[0])), w))
+
+    def hidden(self, motion: Motion, base: BaseParameters, beta: Vector) -> Columns:
+        """Give what else it may bring on a motion (`Effect.hidden`)."""
+        assert self.effect.hidden is not None
+        return self.effect.hidden(motion, *self._here, base, beta)
 
     @property
     def location(self) -> dict[str, Any]:

@@ -18,6 +18,8 @@ from .whitening import Whitener
 
 REFINING = ("stribeck_friction", "asymmetric_friction", "position_dependent_friction", "friction_drift")
 """Laws whose first column is dry friction, the others what refines it."""
+UNLIKELIER = "transmission_ratio_error"
+"""Less likely than what is as simple and explains as much: radii of pulleys are known better than gains of torques."""
 PREFERENCE = 2.0
 """By how much log-likelihood less a simpler law, dry friction above all, is named nevertheless."""
 
@@ -214,7 +216,7 @@ def _simplest(explanation: Explanation) -> Explanation:
                 alike.append(rival)
             elif rival.named and here and _is_all_but_errors(search, explanation.fit, j, rival):
                 within.append(rival)
-        simplest = min((search.size(c) for c in alike))
+        simplest = min(search.size(c) for c in alike)
         within = [c for c in within if search.size(c) < simplest]
         if within and found.candidate.named:
             accepted[j] = min(within, key=search.size)
@@ -227,9 +229,11 @@ def _simplest(explanation: Explanation) -> Explanation:
             equal = max(PREFERENCE, 0.5 * search.settings.law_error**2 * found.score.statistic)
             alike = [c for c, own in zip(alike, known, strict=True) if own >= max(known) - equal]
         rubs = "coulomb_friction" in found.candidate.effect.confounded
-        accepted[j] = min(
-            alike, key=lambda c, rubs=rubs: (search.size(c), rubs and c.effect.name != "coulomb_friction")
-        )
+
+        def order(c: Candidate, rubs: bool = rubs) -> tuple[int, bool, bool]:
+            return search.size(c), rubs and c.effect.name != "coulomb_friction", c.effect.name == UNLIKELIER
+
+        accepted[j] = min(alike, key=order)
     return _with(explanation, accepted)
 
 
@@ -693,7 +697,11 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
     error = search.settings.law_error if top[0].named else search.settings.patch_law_error
     slack = 0.5 * error**2 * top[1].statistic
     near = [item for item in pool if gain(search, fit, *item) >= gain(search, fit, *top) - slack]
-    best = min(near, key=lambda item: (item[1].k + item[0].extra, -_rough(gain(search, fit, *item))))
+
+    def order(item: tuple[Candidate, Score]) -> tuple[int, bool, float]:
+        return item[1].k + item[0].extra, item[0].effect.name == UNLIKELIER, -_rough(gain(search, fit, *item))
+
+    best = min(near, key=order)
     known = at_known_place(best[0], search.problem.model)
     if known is best[0] or any(known.key == c.key for c in fit.effects):
         return best
@@ -703,13 +711,13 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
 def is_plausible(candidate: Candidate, score: Score, beside: Sequence[Candidate] = (), most: float = 4.0) -> bool:
     """Whether friction brakes both ways, and breaking away takes no more than a few times what sliding does.
 
-    What peaks higher is the velocity's noise, and what drives one way is a constant torque. Dry friction `beside` it, at
-    the same place, has a share of its own.
+    What peaks higher is the velocity's noise, and what drives one way is a constant torque. Dry friction `beside` it,
+    at the same place, has a share of its own.
     """
     if any(_meets(candidate, other) for other in beside):
         return True
-    if candidate.effect.name == "asymmetric_friction":
-        return abs(score.beta[1]) <= score.beta[0]
+    if candidate.effect.name in ("asymmetric_friction", "position_dependent_friction"):
+        return float(np.linalg.norm(score.beta[1 : len(candidate.effect.signs)])) <= score.beta[0]
     return candidate.effect.name != "stribeck_friction" or score.beta[1] <= most * score.beta[0]
 
 

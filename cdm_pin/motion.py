@@ -31,7 +31,7 @@ FELT = 5.0
 CLEAR = 10.0
 """Power over that of the positions' noise from which a torque is known at a frequency."""
 WINDOW, RAMP, SLOWEST = 8.0, 0.25, 1.0
-"""Over what a torque's power is taken, how long its ends fade [s], and up to which frequency it is always known [Hz]."""
+"""Over what a torque's power is taken, how long its ends fade [s], and up to where it is always known [Hz]."""
 
 
 @dataclass(frozen=True)

@@ -773,8 +773,7 @@ class Search:
             doubts = self.problem.reduce(lambda motion: candidate.doubts(motion, beta))
             known = known + np.abs(self.white(fit.whitener, [d.dense() for d in doubts])).sum(axis=0)
         if candidate.effect.hidden is not None:
-            by_inertia = candidate.effect.hidden
-            hidden = self.problem.reduce(lambda motion: by_inertia(motion, self.base, beta))
+            hidden = self.problem.reduce(lambda motion: candidate.hidden(motion, self.base, beta))
             known = known + np.abs(self.white(fit.whitener, [h.dense() for h in hidden])).sum(axis=0)
         return known
 

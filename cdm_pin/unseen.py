@@ -41,7 +41,7 @@ def updated(
 
 
 def carried_by(judge: Search, fit: Fit) -> list[Vector]:
-    """Differentiate what the effects of a fit bring by the parameters of the rigid body, through the torques they follow.
+    """Differentiate by the parameters of the rigid body what effects of a fit bring that follow its torques.
 
     Returns
     -------

@@ -321,12 +321,12 @@ def test_a_tilt_shows_what_a_level_base_hides():
     model = build_model(parse_manipulator(planar_content(2, 3) | {"gravity": [0.0, 0.0, -9.81]}))
     base, hidden = base_parameters(model), CATALOGUE["base_tilt"].hidden
     motion, tilt = make_motion(model), np.array([0.05, -0.03])
-    columns = hidden(motion, base, tilt, 1.0).torque
+    place = CATALOGUE["base_tilt"].places(model)[0]
+    columns = hidden(motion, place, (), base, tilt, 1.0).torque
     k = base.standard_names.index("mx_1")
     assert k not in base.columns
     change = np.zeros(20)
     change[k] = model.standard_parameters[k]
-    place = CATALOGUE["base_tilt"].places(model)[0]
     file, wrong = (
         CATALOGUE["base_tilt"].columns(replace(motion, model=m), place, ()).torque @ tilt
         for m in (model, model.with_standard_parameters(model.standard_parameters + change))
@@ -336,4 +336,4 @@ def test_a_tilt_shows_what_a_level_base_hides():
     left = (wrong - file).ravel() - known @ np.linalg.lstsq(known, (wrong - file).ravel(), rcond=None)[0]
     assert np.abs(left).max() < 1e-9
     level = build_model(parse_manipulator(planar_content(2, 3)))
-    assert np.abs(hidden(make_motion(level), base_parameters(level), np.array([0.05])).torque).max() < 1e-9
+    assert np.abs(hidden(make_motion(level), place, (), base_parameters(level), np.array([0.05])).torque).max() < 1e-9

@@ -154,7 +154,8 @@ def test_no_law_takes_the_place_of_two(monkeypatch):
         size=lambda c: 1 + (c is not simple),
         noise=lambda a: None,
         tuned=lambda a, noise: a,
-        without=lambda fit, j: None,
+        without=lambda fit, j: SimpleNamespace(effects=()),
+        score=lambda without, candidate: score,
     )
     score = Score(100.0, 1, np.ones(1), 1.0, 1.0)
     found = [explain.Found(c, score, 50.0, -50.0, ((simple, 0.0),)) for c in (spring, tilt)]
