@@ -661,18 +661,30 @@ def _map_torque(motion: Motion, i: int, k: int, slope: Vector | float) -> Vector
     return -(motion.cable_torque[:, i] * slope)[:, None] * E[k]
 
 
+def _misled(motion: Motion, i: int, k: int, travel: Vector, slope: Vector | float, turn: Vector) -> Columns:
+    """Columns of a cable i that runs `travel` more, `slope` per angle of joint k; `turn` is how that accelerates.
+
+    Where the joints are measured the motor's rotor turns with it, unseen.
+    """
+    torque = _map_torque(motion, i, k, slope)
+    if motion.joints_measured:
+        torque[:, i] += motion.model.rotor_inertia[i] / motion.model.arm_scale[i] * turn
+    return _moved(motion, travel, i, torque)
+
+
 def _ratio(motion: Motion, place: Place, shape: Shape) -> Columns:
     i, k = place.index
-    return _moved(motion, motion.joint_angles[:, k], i, _map_torque(motion, i, k, 1.0))
+    return _misled(motion, i, k, motion.joint_angles[:, k], 1.0, motion.a[:, k])
 
 
 def _eccentricity(motion: Motion, place: Place, shape: Shape) -> Columns:
     i, k = place.index
-    q = motion.joint_angles[:, k]
+    q, v, a = motion.joint_angles[:, k], motion.v[:, k], motion.a[:, k]
+    s, c = np.sin(q), np.cos(q)
     return _stack(
         [
-            _moved(motion, np.sin(q), i, _map_torque(motion, i, k, np.cos(q))),
-            _moved(motion, np.cos(q) - 1, i, _map_torque(motion, i, k, -np.sin(q))),
+            _misled(motion, i, k, s, c, c * a - s * v**2),
+            _misled(motion, i, k, c - 1, -s, -s * a - c * v**2),
         ]
     )
 
@@ -1191,7 +1203,6 @@ CATALOGUE: dict[str, Effect] = {
             nuisance_shape=1,
             detail=_transition,
             weighs=True,
-            hidden=_other_torques,
         ),
         Effect(
             "torque_dependent_friction",
@@ -1208,6 +1219,7 @@ CATALOGUE: dict[str, Effect] = {
             nuisance_shape=1,
             detail=_transition,
             weighs=True,
+            hidden=_other_torques,
         ),
         Effect(
             "position_dependent_friction",

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.diagnose import diagnose
-from cdm_pin.drift import drift_columns, slow_shapes, without_drift
+from cdm_pin.drift import drift_columns, drifting_channels, slow_shapes, without_drift
 from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.model import load_model
 from cdm_pin.problem import make_problem
@@ -56,6 +56,20 @@ def test_a_large_wander_is_no_drift():
     content = diagnose(load_model(ARM), runs[:1], runs[1:]).content
     assert content["verdict"] == "unexplained"
     assert not content["findings"]
+
+
+def test_a_drift_is_as_quick_as_the_data_show():
+    """Where the next quicker wave stands out, too, it is taken; white noise has none."""
+    rng, t = np.random.default_rng(3), np.arange(1200) / 20.0
+    noise = 0.02 * rng.standard_normal((1, 1200))
+    slow, quick = (0.03 * np.sin(2 * np.pi * t / period)[None] for period in (70.0, 30.0))
+    none = np.zeros((0, 1, 1200))
+
+    def seen(x, quicker):
+        return drifting_channels([x], [none], [[(0, 1200)]], 20.0, 1, quicker) == [0]
+
+    assert [seen(noise + slow, k) for k in (0, 1, 2)] == [True, False, False]
+    assert [seen(noise + slow + quick, k) for k in (0, 1, 2)] == [True, True, False]
 
 
 def test_drift_columns_belong_to_one_channel_and_one_run():

@@ -160,8 +160,12 @@ def test_exact_effects_of_the_rigid_body(arm):
 
 @pytest.mark.parametrize("sides", [(True, True), (False, True)], ids=["joints", "motors"])
 def test_a_wrong_cable_map_is_exact_about_itself(arm, sides):
-    """Once its size is known, a ratio error's torque is that of the cables that run so, not its first order."""
+    """Once its size is known, a ratio error's torque is that of the cables that run so, not its first order.
+
+    Where the joints are measured, the rotor that turns with the cable is part of it.
+    """
     size, i, k = 0.08, 1, 1
+    arm = replace(arm, rotor_inertia=np.full(arm.n_motors, 1e-2))
     motion = make_motion(arm, joints_measured=sides[0], motors_measured=sides[1])
     effect = CATALOGUE["transmission_ratio_error"]
     place = find_place(arm, effect, {"kind": "cable", "index": i + 1, "joint": k + 1})
@@ -176,6 +180,8 @@ def test_a_wrong_cable_map_is_exact_about_itself(arm, sides):
         turn = np.linalg.solve(path, np.diag(arm.arm_scale) @ arm.motor_from_joint).T
         tau = replace(motion, q=motion.q @ turn, v=motion.v @ turn, a=motion.a @ turn).tau
     exact = arm.arm_scale * np.linalg.solve(path.T, tau.T).T
+    if sides[0]:
+        exact[:, i] += arm.rotor_inertia[i] * size * motion.a[:, k] / arm.arm_scale[i]
     change = np.abs(exact - motion.tau_m).max()
     assert np.abs(found - exact).max() < (1e-3 if sides[0] else 1e-2) * change
 
@@ -314,6 +320,37 @@ def test_nothing_is_derived_from_noise(arm):
     inside = slice(100, -100)
     assert np.all(np.std(error[inside], axis=0) < 0.1 * np.std(shake[inside], axis=0))
     assert np.all(np.std(error[inside], axis=0) < 0.01 * np.std(motion.cable_torque, axis=0))
+
+
+def test_ends_of_a_recording_are_no_motion(arm):
+    """Accelerations are wild in the first and last samples; they do not let the noise pass for a torque."""
+    motion = make_motion(arm, inertia_noise=np.full(arm.n_motors, 2e-5))
+    noise = 1e-5 * np.random.default_rng(0).standard_normal(motion.a.shape)
+    a = motion.a + np.gradient(np.gradient(noise, motion.time, axis=0), motion.time, axis=0)
+    wild = a.copy()
+    wild[:4] += 30.0
+    wild[-4:] -= 30.0
+    error = replace(motion, a=wild).clear_torque - motion.clear_torque
+    shake = replace(motion, a=a).cable_torque - motion.cable_torque
+    quick, all_of_it = (np.diff(x[200:-200], 2, axis=0).std(axis=0) for x in (error, shake))
+    assert np.all(quick < 0.01 * all_of_it)
+
+
+def test_friction_by_torque_may_follow_other_torques():
+    """What the rotor takes and what springs bring are among what its law leaves open."""
+    arm = load_model("urdf/cdm2.yaml")
+    effect = CATALOGUE["torque_dependent_friction"]
+    motion, base = make_motion(replace(arm, rotor_inertia=np.full(2, 0.05))), base_parameters(arm)
+    motor = next(p for p in effect.places(arm) if p.location == {"kind": "motor", "index": 2})
+    own, rotor = (abs(x) for x in (motion.tau_m[:, 1], motion.tau_m[:, 1] + 0.05 * motion.a_m[:, 1]))
+    series = effect.hidden(motion, motor, (0.01,), base, np.array([0.1])).along[0]
+    assert np.allclose(series[0], 0.0)
+    assert np.allclose(series[1], 0.1 * (rotor - own) * np.tanh(motion.v_m[:, 1] / 0.01))
+    spring = replace(motion, extra_joint=0.3 * motion.q)
+    joint = next(p for p in effect.places(arm) if p.location == {"kind": "joint", "index": 2})
+    series = effect.hidden(spring, joint, (0.01,), base, np.array([0.1])).along[0]
+    change = np.abs(motion.tau[:, 1] + 0.3 * motion.q[:, 1]) - np.abs(motion.tau[:, 1])
+    assert np.allclose(series[0], 0.1 * change * np.tanh(motion.v[:, 1] / 0.01))
 
 
 def test_a_tilt_shows_what_a_level_base_hides():

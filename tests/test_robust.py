@@ -144,6 +144,31 @@ def test_static_friction_of_many_times_the_sliding_one_is_no_law():
         assert is_plausible(candidate, Score(1e4, 2, np.array([1.0, peak]), 1.0, 1.0)) == fits
 
 
+@pytest.mark.parametrize("name", ["asymmetric_friction", "position_dependent_friction"])
+def test_friction_that_drives_is_none(name):
+    """One that brakes one way and drives the other, or drives at some angle, is not what it is called."""
+    place = joint_places(load_model("urdf/cdm2.yaml"))[0]
+    candidate = Candidate(CATALOGUE[name], place, (0.01, 0.1)[: 1 + (name == "position_dependent_friction")])
+    for other, fits in ((0.5, True), (1.4, False), (-1.4, False)):
+        beta = np.array([1.0, other, 0.0][: len(candidate.effect.signs)])
+        assert is_plausible(candidate, Score(1e4, 2, beta, 1.0, 1.0)) == fits
+
+
+def test_no_law_that_needs_absurd_masses(tmp_path):
+    """A spring that warms up: one of fifty times its strength, which a heavy link cancels, is no explanation."""
+    model, runs, unseen, _ = loaded_trial(tmp_path, 49994007219907, effects=1, out_of_catalogue=True, bits=14)
+    content = diagnose(model, runs, unseen).content
+    assert content["verdict"] == "unexplained" and content["findings"] == []
+    assert content["unexplained"]["location"] == {"kind": "joint", "index": 1}
+
+
+def test_masses_a_little_off_stretch_cables(tmp_path):
+    """The travel of a soft cable shows the error of the masses; no eccentric pulley is found in it."""
+    model, runs, unseen, _ = loaded_trial(tmp_path, 254637549274179, effects=1)
+    findings = diagnose(model, runs, unseen).content["findings"]
+    assert [(f["effect"], f["location"]["index"]) for f in findings] == [("cable_elasticity", 1)]
+
+
 def test_no_law_takes_the_place_of_two(monkeypatch):
     """One that is as good as either of two, and simpler, stands once."""
     places = joint_places(load_model("urdf/cdm2.yaml"))
