@@ -105,7 +105,8 @@ def drifting_channels(
     n_motors : int
         Their torques are the first channels.
     quicker : int
-        Where it is not 0, it is the quickest of that many further waves that is asked for, beside all others.
+        Where it is not 0, it is the quickest of that many further waves that is asked for, beside all others; it has to
+        be likely only.
     """
     power, total, room = np.zeros((n_motors, 2)), np.zeros(n_motors), np.zeros((n_motors, 2))
     for e, q, run in zip(residuals, basis, segments, strict=True):
@@ -130,7 +131,8 @@ def drifting_channels(
     ratio = (power[:, 0] / room[:, 0]) / np.maximum(power[:, 1] / room[:, 1], 1e-300)
     sure, likely = (f_distribution.isf(p / n_motors, room[:, 0], room[:, 1]) for p in (ALARM, 100 * ALARM))
     slow = power[:, 0] < LOUD**2 * np.maximum(total - power[:, 0], 0.0)
-    return [int(c) for c in np.flatnonzero((ratio > likely) & slow)] if np.any((ratio > sure) & slow) else []
+    seen = np.any((ratio > (likely if quicker else sure)) & slow)
+    return [int(c) for c in np.flatnonzero((ratio > likely) & slow)] if seen else []
 
 
 def without_drift(errors: Vector, run: Segments, shapes: Vector) -> Vector:

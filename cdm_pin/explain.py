@@ -20,6 +20,8 @@ REFINING = ("stribeck_friction", "asymmetric_friction", "position_dependent_fric
 """Laws whose first column is dry friction, the others what refines it."""
 UNLIKELIER = "transmission_ratio_error"
 """Less likely than what is as simple and explains as much: radii of pulleys are known better than gains of torques."""
+ROUNDED = 2.0
+"""How many times the torque that steps of encoders bring a correction without a name has to make."""
 PREFERENCE = 2.0
 """By how much log-likelihood less a simpler law, dry friction above all, is named nevertheless."""
 
@@ -530,7 +532,7 @@ def _is_significant(search: Search, candidate: Candidate, score: Score, weight: 
     s = search.settings
     if score.visible <= s.visible or family_wise(score, candidate, weight) >= np.log(s.alarm):
         return None
-    if not is_resolved(search, candidate, score.beta):
+    if not is_resolved(search, candidate, score.beta, _visible(search, candidate, score.beta, fit)):
         return None
     for own in (lambda: candidate, lambda: search.refine(fit, candidate)[0]):
         robust = robust_score(search, fit, own())
@@ -550,12 +552,21 @@ def asked_but_for_laws(search: Search, bank: Bank, accepted: list[Candidate], mo
     return list(out.values())
 
 
-def is_resolved(search: Search, candidate: Candidate, beta: Vector) -> bool:
+def _visible(search: Search, candidate: Candidate, beta: Vector, fit: Fit) -> float:
+    """Give the share of what a correction without a name brings that a fit leaves over; 1 for laws."""
+    if candidate.named:
+        return 1.0
+    W = search.white(fit.whitener, search.columns(candidate))
+    return float(np.linalg.norm(beta @ fit.rest(W)) / max(np.linalg.norm(beta @ W), 1e-300))
+
+
+def is_resolved(search: Search, candidate: Candidate, beta: Vector, visible: float = 1.0) -> bool:
     """Whether an effect is larger than what clocks, derivatives and filters leave wrong in the torque of a rigid body.
 
-    Where positions are too coarse for the accelerations in the band, that is more, and a correction without a name has
-    to exceed what the sensors bring by themselves. A push has to last for as long as the band can tell from an outlier,
-    and to exceed half a step of the torque.
+    Where positions are too coarse for the accelerations in the band, that is more. Of a correction without a name that
+    share counts which is visible; it has to exceed what steps of encoders can bring, and where they are too coarse what
+    the sensors bring by themselves. A push has to last for as long as the band can tell from an outlier, and to exceed
+    half a step of the torque.
     """
     problem, push = search.problem, candidate.effect.name == "external_torque"
     if push and candidate.shape[1] - candidate.shape[0] < 1.5 / problem.band.cutoff:
@@ -572,9 +583,11 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector) -> bool:
         return True
     least = search.settings.torque_error * (problem.band.cutoff / max(problem.sensors.trusted, 1e-3)) ** 2
     least = least * search.loads[:m]
+    if not candidate.named:
+        least = np.maximum(least, ROUNDED * problem.sensors.rounding)
     if not candidate.named and is_coarse(problem):
         least = np.maximum(least, UNSURE * problem.sensed[:m])
-    return bool(np.any(own[:m] > least))
+    return bool(np.any(visible * own[:m] > least))
 
 
 def _error_of_laws(search: Search, candidate: Candidate, own: Vector, fit: Fit) -> float:

@@ -798,6 +798,24 @@ class Search:
             known = self._offsets.keep(fit.rest(np.concatenate(rows)) if rows else np.zeros((0, fit.n_rows)), fit)
         return known
 
+    def quicker_drifts(self, fit: Fit) -> Vector:
+        """Give waves a little quicker than the zeros were seen to move, whitened, as far as a fit leaves them.
+
+        Each is given as much room as the noise of a whole recording.
+
+        Returns
+        -------
+        ndarray, shape (n, n_rows)
+        """
+        if self.drift is None:
+            return np.zeros((0, fit.n_rows))
+        problem, rate = self.problem, self.problem.band.rate / self.problem.band.step
+        lengths, quicker = [rigid.shape[2] for rigid in self.rigid], self.drift.quicker + QUICKER
+        waves = drift_columns(lengths, rate, problem.n_channels, range(problem.model.n_motors), LONG, quicker)
+        left = fit.rest(self.white(fit.whitener, waves))
+        _, sizes, rows = np.linalg.svd(left, full_matrices=False)
+        return np.sqrt(fit.n_rows) * rows[sizes > 1e-6 * np.max(sizes, initial=0.0)]
+
     def bank(self, candidates: Sequence[Candidate]) -> Bank:
         """Compute the columns of many candidates."""
         parts = [self.problem.reduce(candidate.columns) for candidate in candidates]

@@ -184,7 +184,7 @@ def _rounding(model: CableModel, signals: Signals, band: Band) -> Vector:
     made once more by rounding the motion as far as it is known.
     """
     rate = signals.rate
-    smooth = lowpass(both_positions(model, signals.logged)[0], rate, band.cutoff)
+    smooth = lowpass(both_positions(model, signals.logged)[0], rate, min(band.cutoff, band.slow))
     error = _rounded(model, signals, smooth) - smooth
     cutoffs = light(band.cutoff, rate), min(light(band.cutoff, rate), band.slow)  # of poses, of accelerations
 
