@@ -42,7 +42,7 @@ class Drift:
 
 
 def slow_shapes(n: int, rate: float, stretch: float, quicker: int = 0) -> Vector:
-    """Give a ramp and slow waves, no quicker than one period in some 40 s, shape (n_shapes, n).
+    """Give a ramp and slow waves, no quicker than one period in some 30 s, shape (n_shapes, n).
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def slow_shapes(n: int, rate: float, stretch: float, quicker: int = 0) -> Vector
     """
     t = np.arange(n) / rate
     period = stretch * max(t[-1], 40.0)
-    count = int(np.clip(round(period / 45.0), 2, 8)) + quicker
+    count = int(np.clip(round(period / 30.0), 2, 8)) + quicker
     phase = 2 * np.pi * t / period
     return np.stack([t / max(t[-1], 1e-9), *(f(k * phase) for k in range(1, count + 1) for f in (np.sin, np.cos))])
 

@@ -509,7 +509,7 @@ def evidence(search: Search, without: Fit, candidate: Candidate, size: float) ->
     if candidate.effect.name in REFINING and norm[0] > 0:
         own = slice(1, len(candidate.effect.signs))  # without what details the sign of a velocity
         left[own] *= np.minimum(norm[own] / norm[0], 1.0)
-    room = float(np.linalg.slogdet(np.eye(len(left)) + size * left @ left.T)[1])
+    room = float(np.linalg.slogdet(np.eye(len(left)) + max(size, 1.0) * left @ left.T)[1])
     return 0.5 * search.score(without, candidate).statistic - 0.5 * room - candidate.extra
 
 

@@ -62,7 +62,7 @@ def test_a_drift_is_as_quick_as_the_data_show():
     """Where the next quicker wave stands out, too, it is taken; white noise has none."""
     rng, t = np.random.default_rng(3), np.arange(1200) / 20.0
     noise = 0.02 * rng.standard_normal((1, 1200))
-    slow, quick = (0.03 * np.sin(2 * np.pi * t / period)[None] for period in (70.0, 30.0))
+    slow, quick = (0.03 * np.sin(2 * np.pi * t / period)[None] for period in (70.0, 22.0))
     none = np.zeros((0, 1, 1200))
 
     def seen(x, quicker):
