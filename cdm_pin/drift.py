@@ -33,11 +33,14 @@ class Drift:
     ----------
     columns : list of ndarray, shape (k, n_channels, n)
         One per run.
+    channels : tuple of int
+        Motors whose zeros were seen to move.
     quicker : int
         By how many waves more than usual (`slow_shapes`) the zeros were seen to move.
     """
 
     columns: list[Vector]
+    channels: tuple[int, ...]
     quicker: int = 0
 
 

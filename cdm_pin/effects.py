@@ -141,7 +141,7 @@ class Effect:
     error : float
         Share of itself that the law may be wrong by; what else is found at the same time has to be larger. How a sign
         of velocity passes through zero is counted apart (`Candidate.doubts`).
-    hidden : callable, optional
+    leaves_open : callable, optional
         Motion, place, shape, base parameters, coefficients -> what else it may bring: from inertial parameters that the
         rest does not show, as far as they may be wrong, or from torques of which its law may or may not speak.
     exact_travel : bool
@@ -169,7 +169,7 @@ class Effect:
     carried: bool = True
     errors: Callable[[Place, Shape], dict[str, float]] = lambda place, shape: {}
     error: float = 0.01
-    hidden: Callable[[Motion, Place, Shape, BaseParameters, Vector], Columns] | None = None
+    leaves_open: Callable[[Motion, Place, Shape, BaseParameters, Vector], Columns] | None = None
     detail: Callable[[Motion, Place, Shape, float], list[Vector]] | None = None
     confounded: tuple[str, ...] = ()
     revealed_by: str = ""
@@ -482,7 +482,10 @@ def _torque(motion: Motion, place: Place, shape: Shape) -> Columns:
 
 
 def _other_torques(motion: Motion, place: Place, shape: Shape, base: BaseParameters, beta: Vector) -> Columns:
-    """Give what friction by torque brings if it follows the rotor's torque, or that of other effects, too."""
+    """Give what friction by torque brings if it follows the rotor's torque, or that of other effects, too.
+
+    Where its own torque is in the motion, that counts with these.
+    """
     i, at_joint = place.index[0], any(place.A)
     own = motion.tau[:, i] if at_joint else motion.tau_m[:, i]
     others = [motion.driven_torque[:, i], motion.tau_m[:, i] + motion.a_m[:, i] * motion.model.rotor_inertia[i]]
@@ -1219,7 +1222,7 @@ CATALOGUE: dict[str, Effect] = {
             nuisance_shape=1,
             detail=_transition,
             weighs=True,
-            hidden=_other_torques,
+            leaves_open=_other_torques,
         ),
         Effect(
             "position_dependent_friction",
@@ -1517,7 +1520,7 @@ CATALOGUE: dict[str, Effect] = {
             weighs=True,
             moves=_tilted,
             error=0.02,
-            hidden=_unlevelled,
+            leaves_open=_unlevelled,
             confounded=("encoder_offset", "joint_spring"),
             revealed_by="a spirit level",
             reference="gravity turned in the base frame",
@@ -1686,10 +1689,10 @@ class Candidate:
         size = float(np.sqrt(np.mean((beta @ series[: len(beta)]) ** 2))) * share * (0.25 if self.detail else 1.0)
         return Columns(along=(size * np.stack(self.effect.detail(motion, *self._here, self.shape[0])), w))
 
-    def hidden(self, motion: Motion, base: BaseParameters, beta: Vector) -> Columns:
-        """Give what else it may bring on a motion (`Effect.hidden`)."""
-        assert self.effect.hidden is not None
-        return self.effect.hidden(motion, *self._here, base, beta)
+    def left_open(self, motion: Motion, base: BaseParameters, beta: Vector) -> Columns:
+        """Give what else it may bring on a motion (`Effect.leaves_open`)."""
+        assert self.effect.leaves_open is not None
+        return self.effect.leaves_open(motion, *self._here, base, beta)
 
     @property
     def location(self) -> dict[str, Any]:

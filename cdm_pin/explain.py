@@ -209,19 +209,20 @@ def _simplest(explanation: Explanation) -> Explanation:
     search, accepted = explanation.search, [f.candidate for f in explanation.found]
     for j, found in enumerate(explanation.found):
         slack = search.settings.within(found.score.statistic)
-        alike, within = [found.candidate], []
+        alike, within = [found.candidate], list[Candidate]()
         for rival, difference in found.rivals:
             here = rival.place.location == found.candidate.place.location
             if any(rival.key == c.key for c in accepted):
                 continue
             if rival.named == found.candidate.named and difference > -(slack if here else search.settings.close):
                 alike.append(rival)
-            elif rival.named and here and _is_all_but_errors(search, explanation.fit, j, rival):
+            elif rival.named and here and found.candidate.named:
                 within.append(rival)
         simplest = min(search.size(c) for c in alike)
-        within = [c for c in within if search.size(c) < simplest]
-        if within and found.candidate.named:
-            accepted[j] = min(within, key=search.size)
+        simpler = sorted((c for c in within if search.size(c) < simplest), key=search.size)
+        within = next((c for c in simpler if _is_all_but_errors(search, explanation.fit, j, c)), None)
+        if within is not None:
+            accepted[j] = within
             continue
         if found.candidate.named and len(alike) > 1:
             without = search.without(explanation.fit, j)
@@ -244,12 +245,9 @@ def _is_all_but_errors(search: Search, fit: Fit, j: int, rival: Candidate) -> bo
     own, others = fit.effects[j], search.without(fit, j).effects
     if search.size(rival) >= search.size(own):
         return False
-    beside = search.fit([*others, rival], fit.whitener)
-    score = search.score(beside, own)
-    if not np.isfinite(score.statistic):
-        return False
-    more = score.beta @ beside.rest(search.white(fit.whitener, search.columns(own)))
-    return score.statistic < _error_of_laws(search, own, more, beside)
+    beside, both = (search.fit(effects, fit.whitener) for effects in ([*others, rival], [*others, rival, own]))
+    more = beside.residual - both.residual
+    return float(more @ more) < _error_of_laws(search, own, more, beside)
 
 
 def overshoot(candidate: Candidate, beta: Vector) -> float:
@@ -532,7 +530,7 @@ def _is_significant(search: Search, candidate: Candidate, score: Score, weight: 
     s = search.settings
     if score.visible <= s.visible or family_wise(score, candidate, weight) >= np.log(s.alarm):
         return None
-    if not is_resolved(search, candidate, score.beta, _visible(search, candidate, score.beta, fit)):
+    if not is_resolved(search, candidate, score.beta, fit):
         return None
     for own in (lambda: candidate, lambda: search.refine(fit, candidate)[0]):
         robust = robust_score(search, fit, own())
@@ -552,21 +550,13 @@ def asked_but_for_laws(search: Search, bank: Bank, accepted: list[Candidate], mo
     return list(out.values())
 
 
-def _visible(search: Search, candidate: Candidate, beta: Vector, fit: Fit) -> float:
-    """Give the share of what a correction without a name brings that a fit leaves over; 1 for laws."""
-    if candidate.named:
-        return 1.0
-    W = search.white(fit.whitener, search.columns(candidate))
-    return float(np.linalg.norm(beta @ fit.rest(W)) / max(np.linalg.norm(beta @ W), 1e-300))
-
-
-def is_resolved(search: Search, candidate: Candidate, beta: Vector, visible: float = 1.0) -> bool:
+def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) -> bool:
     """Whether an effect is larger than what clocks, derivatives and filters leave wrong in the torque of a rigid body.
 
     Where positions are too coarse for the accelerations in the band, that is more. Of a correction without a name that
-    share counts which is visible; it has to exceed what steps of encoders can bring, and where they are too coarse what
-    the sensors bring by themselves. A push has to last for as long as the band can tell from an outlier, and to exceed
-    half a step of the torque.
+    share counts which the fit leaves over; it has to exceed what steps of encoders can bring, and where they are too
+    coarse what the sensors bring by themselves. A push has to last for as long as the band can tell from an outlier,
+    and to exceed half a step of the torque.
     """
     problem, push = search.problem, candidate.effect.name == "external_torque"
     if push and candidate.shape[1] - candidate.shape[0] < 1.5 / problem.band.cutoff:
@@ -578,15 +568,17 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, visible: flo
     peak = np.max([np.abs(x[:m]).max(axis=1) for x in torque], axis=0)
     if push and np.all(peak <= 0.5 * problem.sensors.torque_steps):
         return False
-    own = rms(search, torque)
+    own, visible = rms(search, torque), 1.0
     if own[m:].any():
         return True
     least = search.settings.torque_error * (problem.band.cutoff / max(problem.sensors.trusted, 1e-3)) ** 2
     least = least * search.loads[:m]
     if not candidate.named:
+        W = beta @ search.white(fit.whitener, search.columns(candidate))
+        visible = float(np.linalg.norm(fit.rest(W)) / max(np.linalg.norm(W), 1e-300))
         least = np.maximum(least, ROUNDED * problem.sensors.rounding)
-    if not candidate.named and is_coarse(problem):
-        least = np.maximum(least, UNSURE * problem.sensed[:m])
+        if is_coarse(problem):
+            least = np.maximum(least, UNSURE * problem.sensed[:m])
     return bool(np.any(visible * own[:m] > least))
 
 
@@ -703,7 +695,7 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
         if (n < 4 and value > best - max(40.0, 0.15 * abs(best))) or (fine and value > 0.3 * best):
             pool.append(search.refine(fit, c) if c.shape else (c, s))
     pool = [(c, s) for c, s in pool if gain(search, fit, c, s) > 0 and is_plausible(c, s, fit.effects)]
-    pool = [(c, s) for c, s in pool if not hides_in_masses(search, fit, c, s.beta)]
+    pool = [(c, s) for c, s in pool if not hides_in_masses(search, fit, c)]
     if not pool:
         return None
     top = max(pool, key=lambda item: gain(search, fit, *item))
@@ -727,25 +719,25 @@ def is_plausible(candidate: Candidate, score: Score, beside: Sequence[Candidate]
     What peaks higher is the velocity's noise, and what drives one way is a constant torque. Dry friction `beside` it,
     at the same place, has a share of its own.
     """
-    if any(_meets(candidate, other) for other in beside):
+    if any(other.has_doubts and _meets(candidate, other) for other in beside):
         return True
     if candidate.effect.name in ("asymmetric_friction", "position_dependent_friction"):
         return float(np.linalg.norm(score.beta[1 : len(candidate.effect.signs)])) <= score.beta[0]
     return candidate.effect.name != "stribeck_friction" or score.beta[1] <= most * score.beta[0]
 
 
-def hides_in_masses(search: Search, fit: Fit, candidate: Candidate, beta: Vector, most: float = 2.0) -> bool:
-    """Whether an effect needs masses that are further from the file's than those without it by more than all torque.
+def hides_in_masses(search: Search, fit: Fit, candidate: Candidate, most: float = 2.0) -> bool:
+    """Whether an effect needs masses that are much further from the file's than those without it.
 
-    What masses cancel to nearly all of it may be any multiple of what is seen.
+    Their torque is then some times all that is measured: what masses cancel to nearly all of it may be any multiple of
+    what is seen.
     """
     if not candidate.named or not search.problem.torque:
         return False
     p, problem = len(search.base.columns), search.problem
-    inside = beta @ search.white(fit.whitener, search.columns(candidate)) @ fit.body.Q
     file = search.base.values(problem.sensors.model.standard_parameters)
     without = search.base.values(problem.model.standard_parameters) - file + fit.base[:p]
-    changed = without - (fit.body.inverse @ inside)[:p]
+    changed = without + (search.fit([*fit.effects, candidate], fit.whitener).base - fit.base)[:p]
     loads = search.loads[: problem.model.n_motors]
 
     def torque(change: Vector) -> Vector:
@@ -887,7 +879,7 @@ def _stands(search: Search, candidate: Candidate, score: Score, without: Fit) ->
     """Whether an effect in the model passes as a new one would, or is resolved and too loud for an error of laws."""
     if _passes(search, candidate, score, 0.01, without):
         return True
-    return is_resolved(search, candidate, score.beta) and is_loud(robust_score(search, without, candidate))
+    return is_resolved(search, candidate, score.beta, without) and is_loud(robust_score(search, without, candidate))
 
 
 def _backwards(search: Search, fit: Fit, j: int) -> bool:
@@ -912,6 +904,7 @@ def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> F
         s = search.score(without, leader)
         if gain(search, without, leader, s) > own - max(30.0, 0.1 * abs(own)):
             refined, s = search.refine(without, leader)
-            rivals.append((refined, gain(search, without, refined, s) - own))
+            if is_plausible(refined, s, without.effects) and not hides_in_masses(search, without, refined):
+                rivals.append((refined, gain(search, without, refined, s) - own))
     rivals.sort(key=lambda item: -item[1])
     return Found(candidate, score, own, family_wise(score, candidate, 0.01), tuple(rivals))

@@ -329,13 +329,15 @@ class Motion:
         """
         if self.inertia_noise is None:
             return self.cable_torque
+        from .band import ONE_SIDED
         from .signals_filters import lowpass
 
-        slow = lowpass(self.cable_torque, self.rate, SLOWEST)
-        ramp = min(2.0 * RAMP * self.rate / self.n, 1.0)
-        sines = np.asarray(dst(((self.cable_torque - slow) * tukey(self.n, ramp)[:, None])[1:-1], type=1, axis=0))
-        window = min(self.n, round(WINDOW * self.rate))  # medians: accelerations beside ends and gaps are wild
-        lines, power = welch(self.cable_torque, self.rate, nperseg=window, average="median", axis=0)
+        ends = min(ONE_SIDED, self.n // 2)
+        torque = self.cable_torque[np.clip(np.arange(self.n), ends, self.n - 1 - ends)]  # accelerations there are wild
+        slow, ramp = lowpass(torque, self.rate, SLOWEST), min(2.0 * RAMP * self.rate / self.n, 1.0)
+        sines = np.asarray(dst(((torque - slow) * tukey(self.n, ramp)[:, None])[1:-1], type=1, axis=0))
+        window = min(self.n, round(WINDOW * self.rate))  # medians: accelerations beside gaps are wild, too
+        lines, power = welch(torque, self.rate, nperseg=window, average="median", axis=0)
         noise = (self.inertia_noise / self.model.arm_scale * (2 * np.pi * lines[:, None]) ** 2) ** 2 / (0.5 * self.rate)
         known = power > CLEAR * noise
         f = np.arange(1, self.n - 1) * self.rate / (2 * (self.n - 1))

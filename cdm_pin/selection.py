@@ -265,6 +265,7 @@ class Search:
         self._sizes: Recent = Recent(8)
         self._rests: Recent = Recent(8)
         self._offsets: Recent = Recent(8)
+        self._drifts: Recent = Recent(8)
 
     def about(self, fit: Fit) -> Search:
         """Give the same search about a fit: its inertial parameters, and the torques that its effects bring."""
@@ -365,10 +366,11 @@ class Search:
         if not channels:
             return self
         quicker = 0
-        while quicker < QUICKER and drifting_channels(*seen, quicker + 1):
+        while quicker < QUICKER and set(channels) & set(drifting_channels(*seen, quicker + 1)):
             quicker += 1
         lengths = [rigid.shape[2] for rigid in self.rigid]
-        drift = Drift(drift_columns(lengths, rate, problem.n_channels, channels, LONG, quicker), quicker)
+        columns = drift_columns(lengths, rate, problem.n_channels, channels, LONG, quicker)
+        drift = Drift(columns, tuple(channels), quicker)
         search = Search(problem, self.base, self.settings, self.held, drift)
         search._cache = self._cache
         for name in ("common", "plain", "loads", "smooth", "unshared", "nominal"):
@@ -772,9 +774,9 @@ class Search:
         if candidate.has_doubts:
             doubts = self.problem.reduce(lambda motion: candidate.doubts(motion, beta))
             known = known + np.abs(self.white(fit.whitener, [d.dense() for d in doubts])).sum(axis=0)
-        if candidate.effect.hidden is not None:
-            hidden = self.problem.reduce(lambda motion: candidate.hidden(motion, self.base, beta))
-            known = known + np.abs(self.white(fit.whitener, [h.dense() for h in hidden])).sum(axis=0)
+        if candidate.effect.leaves_open is not None:
+            further = self.problem.reduce(lambda motion: candidate.left_open(motion, self.base, beta))
+            known = known + np.abs(self.white(fit.whitener, [x.dense() for x in further])).sum(axis=0)
         return known
 
     def offsets(self, fit: Fit) -> Vector:
@@ -799,9 +801,9 @@ class Search:
         return known
 
     def quicker_drifts(self, fit: Fit) -> Vector:
-        """Give waves a little quicker than the zeros were seen to move, whitened, as far as a fit leaves them.
+        """Give waves a little quicker than zeros were seen to move, whitened, as far as a fit leaves them over.
 
-        Each is given as much room as the noise of a whole recording.
+        Each is given as much room as all noise.
 
         Returns
         -------
@@ -809,12 +811,17 @@ class Search:
         """
         if self.drift is None:
             return np.zeros((0, fit.n_rows))
-        problem, rate = self.problem, self.problem.band.rate / self.problem.band.step
-        lengths, quicker = [rigid.shape[2] for rigid in self.rigid], self.drift.quicker + QUICKER
-        waves = drift_columns(lengths, rate, problem.n_channels, range(problem.model.n_motors), LONG, quicker)
-        left = fit.rest(self.white(fit.whitener, waves))
-        _, sizes, rows = np.linalg.svd(left, full_matrices=False)
-        return np.sqrt(fit.n_rows) * rows[sizes > 1e-6 * np.max(sizes, initial=0.0)]
+        known = self._drifts.get(fit)
+        if known is None:
+            problem, rate = self.problem, self.problem.band.rate / self.problem.band.step
+            lengths, quicker = [rigid.shape[2] for rigid in self.rigid], self.drift.quicker + QUICKER
+            waves = drift_columns(lengths, rate, problem.n_channels, self.drift.channels, LONG, quicker)
+            left = fit.rest(self.white(fit.whitener, waves))
+            values, vectors = np.linalg.eigh(left @ left.T)
+            seen = values > 1e-9 * np.max(values, initial=0.0)
+            rows = (vectors[:, seen] / np.sqrt(values[seen])).T @ left
+            known = self._drifts.keep(np.sqrt(fit.n_rows) * rows, fit)
+        return known
 
     def bank(self, candidates: Sequence[Candidate]) -> Bank:
         """Compute the columns of many candidates."""

@@ -51,6 +51,8 @@ def carried_by(judge: Search, fit: Fit) -> list[Vector]:
     pairs = list(zip(fit.effects, fit.beta, strict=True))
     steps = np.sqrt(np.diag(fit.covariance))[: len(judge.base.columns)]
     out = [np.zeros_like(rigid) for rigid in judge.rigid]
+    if judge.problem.swings:  # what the masses do to the soft cable is in the rigid body's columns then
+        return out
     for k in np.flatnonzero(steps):
         there = judge.at(steps[k] * np.eye(len(steps))[k], pairs)
         for candidate, beta in pairs:

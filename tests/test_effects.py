@@ -343,12 +343,12 @@ def test_friction_by_torque_may_follow_other_torques():
     motion, base = make_motion(replace(arm, rotor_inertia=np.full(2, 0.05))), base_parameters(arm)
     motor = next(p for p in effect.places(arm) if p.location == {"kind": "motor", "index": 2})
     own, rotor = (abs(x) for x in (motion.tau_m[:, 1], motion.tau_m[:, 1] + 0.05 * motion.a_m[:, 1]))
-    series = effect.hidden(motion, motor, (0.01,), base, np.array([0.1])).along[0]
+    series = effect.leaves_open(motion, motor, (0.01,), base, np.array([0.1])).along[0]
     assert np.allclose(series[0], 0.0)
     assert np.allclose(series[1], 0.1 * (rotor - own) * np.tanh(motion.v_m[:, 1] / 0.01))
     spring = replace(motion, extra_joint=0.3 * motion.q)
     joint = next(p for p in effect.places(arm) if p.location == {"kind": "joint", "index": 2})
-    series = effect.hidden(spring, joint, (0.01,), base, np.array([0.1])).along[0]
+    series = effect.leaves_open(spring, joint, (0.01,), base, np.array([0.1])).along[0]
     change = np.abs(motion.tau[:, 1] + 0.3 * motion.q[:, 1]) - np.abs(motion.tau[:, 1])
     assert np.allclose(series[0], 0.1 * change * np.tanh(motion.v[:, 1] / 0.01))
 
@@ -356,10 +356,10 @@ def test_friction_by_torque_may_follow_other_torques():
 def test_a_tilt_shows_what_a_level_base_hides():
     """About a vertical axis a first moment is felt only under a tilt; its torque is among what may be wrong then."""
     model = build_model(parse_manipulator(planar_content(2, 3) | {"gravity": [0.0, 0.0, -9.81]}))
-    base, hidden = base_parameters(model), CATALOGUE["base_tilt"].hidden
+    base, further = base_parameters(model), CATALOGUE["base_tilt"].leaves_open
     motion, tilt = make_motion(model), np.array([0.05, -0.03])
     place = CATALOGUE["base_tilt"].places(model)[0]
-    columns = hidden(motion, place, (), base, tilt, 1.0).torque
+    columns = further(motion, place, (), base, tilt, 1.0).torque
     k = base.standard_names.index("mx_1")
     assert k not in base.columns
     change = np.zeros(20)
@@ -373,4 +373,4 @@ def test_a_tilt_shows_what_a_level_base_hides():
     left = (wrong - file).ravel() - known @ np.linalg.lstsq(known, (wrong - file).ravel(), rcond=None)[0]
     assert np.abs(left).max() < 1e-9
     level = build_model(parse_manipulator(planar_content(2, 3)))
-    assert np.abs(hidden(make_motion(level), place, (), base_parameters(level), np.array([0.05])).torque).max() < 1e-9
+    assert np.abs(further(make_motion(level), place, (), base_parameters(level), np.array([0.05])).torque).max() < 1e-9

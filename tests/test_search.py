@@ -165,10 +165,10 @@ def test_what_clocks_and_derivatives_leave_is_no_effect(tmp_path):
     (friction, *_) = all_candidates(problem, ["coulomb_friction"])
     for share, due in ((1e-2, True), (1e-4, False)):
         size = np.max(rms(search, [c[0] for c in search.columns(friction)]) / search.loads)
-        assert is_resolved(search, friction, np.array([share / size])) is due
+        assert is_resolved(search, friction, np.array([share / size]), search.fit([])) is due
     push = next(c for c in all_candidates(problem, ["external_torque"]))
     blow = replace(push, shape=(5.0, 5.0 + 0.5 / problem.band.cutoff, 0))
-    assert not is_resolved(search, blow, np.array([100.0]))
+    assert not is_resolved(search, blow, np.array([100.0]), search.fit([]))
 
 
 def coarse_recording(model, step=2 * np.pi / 2**12, duration=60.0, offset=0.0):
