@@ -20,6 +20,11 @@ REFINING = ("stribeck_friction", "asymmetric_friction", "position_dependent_fric
 """Laws whose first column is dry friction, the others what refines it."""
 UNLIKELIER = "transmission_ratio_error"
 """Less likely than what is as simple and explains as much: radii of pulleys are known better than gains of torques."""
+ABOUT = 0.02
+"""Share of the likelihood gained that the next best law may lose where the best is none that friction can have."""
+RISEN, UNDONE = 0.05, 0.5
+"""Shares by which Stribeck's friction, with all that its sign leaves open, has to rise above that of sliding, and by
+which it may drive at standstill."""
 ROUNDED = 2.0
 """How many times the torque that steps of encoders bring a correction without a name has to make."""
 PREFERENCE = 2.0
@@ -206,55 +211,60 @@ def _simplest(explanation: Explanation) -> Explanation:
 
     Dry friction is the simplest of its kin. Laws that are alike in penalised likelihood are weighed by their evidence.
     """
-    search, accepted = explanation.search, [f.candidate for f in explanation.found]
-    for j, found in enumerate(explanation.found):
-        slack = search.settings.within(found.score.statistic)
-        alike, within = [found.candidate], list[Candidate]()
-        for rival, difference in found.rivals:
-            here = rival.place.location == found.candidate.place.location
-            if any(rival.key == c.key for c in accepted):
-                continue
-            if rival.named == found.candidate.named and difference > -(slack if here else search.settings.close):
-                alike.append(rival)
-            elif rival.named and here and found.candidate.named:
-                within.append(rival)
-        simplest = min(search.size(c) for c in alike)
-        simpler = sorted((c for c in within if search.size(c) < simplest), key=search.size)
-        within = next((c for c in simpler if _is_all_but_errors(search, explanation.fit, j, c)), None)
-        if within is not None:
-            accepted[j] = within
-            continue
-        if found.candidate.named and len(alike) > 1:
-            without = search.without(explanation.fit, j)
-            braking = [c for c in alike if is_plausible(c, search.score(without, c), without.effects)]
-            alike = braking or alike
-            known = [evidence(search, without, c, found.score.statistic) for c in alike]
-            equal = max(PREFERENCE, 0.5 * search.settings.law_error**2 * found.score.statistic)
-            alike = [c for c, own in zip(alike, known, strict=True) if own >= max(known) - equal]
-        rubs = "coulomb_friction" in found.candidate.effect.confounded
-
-        def order(c: Candidate, rubs: bool = rubs) -> tuple[int, bool, bool]:
-            return search.size(c), rubs and c.effect.name != "coulomb_friction", c.effect.name == UNLIKELIER
-
-        accepted[j] = min(alike, key=order)
+    accepted = [f.candidate for f in explanation.found]
+    for j in range(len(accepted)):
+        accepted[j] = _simplest_at(explanation, j, [c.key for c in accepted])
     return _with(explanation, accepted)
 
 
-def _is_all_but_errors(search: Search, fit: Fit, j: int, rival: Candidate) -> bool:
-    """Whether a simpler law explains all that effect `j` does but for what the laws may be wrong by."""
-    own, others = fit.effects[j], search.without(fit, j).effects
-    if search.size(rival) >= search.size(own):
-        return False
-    beside, both = (search.fit(effects, fit.whitener) for effects in ([*others, rival], [*others, rival, own]))
+def _simplest_at(explanation: Explanation, j: int, taken: Sequence[tuple[str, str]]) -> Candidate:
+    """Give the simplest law that may stand for finding `j`; one that friction cannot be gives way to the next best."""
+    search, found, best, lead = explanation.search, explanation.found[j], explanation.found[j].candidate, 0.0
+    rivals = [(c, d) for c, d in found.rivals if c.key not in taken and c.named == best.named]
+    here = {c.key for c, _ in rivals if c.place.location == best.place.location}
+    without = search.without(explanation.fit, j)
+    if best.named and not is_plausible(best, search.score(without, best), without.effects):
+        least = -ABOUT * found.gain
+        best, lead = next(((c, d) for c, d in rivals if c.key in here and d > least), (best, lead))
+    slack = search.settings.within(found.score.statistic)
+    alike = [best]
+    alike += [c for c, d in rivals if c is not best and d - lead > -(slack if c.key in here else search.settings.close)]
+    if best.named:
+        simplest = min(search.size(c) for c in alike)
+        for c in sorted((c for c, _ in rivals if c.key in here and search.size(c) < simplest), key=search.size):
+            if _is_all_but_errors(search, without, best, c):
+                return c
+    if best.named and len(alike) > 1:
+        known = [evidence(search, without, c, found.score.statistic) for c in alike]
+        equal = max(PREFERENCE, 0.5 * search.settings.law_error**2 * found.score.statistic)
+        alike = [c for c, own in zip(alike, known, strict=True) if own >= max(known) - equal]
+    rubs = "coulomb_friction" in best.effect.confounded
+
+    def order(c: Candidate) -> tuple[int, bool, bool]:
+        return search.size(c), rubs and c.effect.name != "coulomb_friction", c.effect.name == UNLIKELIER
+
+    return min(alike, key=order)
+
+
+def _is_all_but_errors(search: Search, without: Fit, own: Candidate, rival: Candidate) -> bool:
+    """Whether a law explains, beside a fit, all that another one does but for what the laws may be wrong by."""
+    others = without.effects
+    beside, both = (search.fit(effects, without.whitener) for effects in ([*others, rival], [*others, rival, own]))
     more = beside.residual - both.residual
     return float(more @ more) < _error_of_laws(search, own, more, beside)
 
 
-def overshoot(candidate: Candidate, beta: Vector) -> float:
-    """Say by what share dry friction near standstill exceeds that of sliding, through what its law leaves open."""
-    v = np.linspace(0.0, 4.0 * candidate.detail, 200)
-    law = beta[0] * np.tanh(v / candidate.shape[0]) + beta[1:] @ np.array(transitions(v, candidate.detail))
-    return float(law.max() / max(beta[0], 1e-300)) - 1.0
+def extremes(candidate: Candidate, beta: Vector) -> tuple[float, float]:
+    """Give the least and the most that friction takes over that of sliding, with what its law leaves open."""
+    width, *peak = candidate.shape
+    v = np.linspace(0.0, max([4.0 * candidate.detail, *(3.0 * x for x in peak)]), 200)
+    series = [np.tanh(v / width)]
+    if peak:
+        series.append(series[0] * np.exp(-((v / peak[0]) ** 2)))
+    if candidate.detail:
+        series += transitions(v, candidate.detail)
+    law = beta @ series / max(beta[0], 1e-300)
+    return float(law.min()), float(law.max())
 
 
 def _peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
@@ -267,7 +277,7 @@ def _peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
     places = [place.location for place in law.places(search.problem.model)]
     for j, (candidate, found) in enumerate(zip(accepted, explanation.found, strict=True)):
         dry = candidate.effect.name == "coulomb_friction" and candidate.detail and candidate.place.location in places
-        if not dry or overshoot(candidate, explanation.fit.beta[j]) < most:
+        if not dry or extremes(candidate, explanation.fit.beta[j])[1] < 1.0 + most:
             continue
         without, grid = search.without(explanation.fit, j), law.grid(search.problem.motions, candidate.place)
         trials = [Candidate(law, candidate.place, (candidate.shape[0], *shape[1:])) for shape in grid]
@@ -723,7 +733,10 @@ def is_plausible(candidate: Candidate, score: Score, beside: Sequence[Candidate]
         return True
     if candidate.effect.name in ("asymmetric_friction", "position_dependent_friction"):
         return float(np.linalg.norm(score.beta[1 : len(candidate.effect.signs)])) <= score.beta[0]
-    return candidate.effect.name != "stribeck_friction" or score.beta[1] <= most * score.beta[0]
+    if candidate.effect.name != "stribeck_friction":
+        return True
+    least, peak = extremes(candidate, score.beta) if candidate.detail else (0.0, np.inf)
+    return least > -UNDONE and peak > 1.0 + RISEN and score.beta[1] <= most * score.beta[0]
 
 
 def hides_in_masses(search: Search, fit: Fit, candidate: Candidate, most: float = 2.0) -> bool:

@@ -144,6 +144,15 @@ def test_static_friction_of_many_times_the_sliding_one_is_no_law():
         assert is_plausible(candidate, Score(1e4, 2, np.array([1.0, peak]), 1.0, 1.0)) == fits
 
 
+def test_a_peak_that_its_own_sign_undoes_is_none():
+    """What the sign of a velocity leaves open may blur Stribeck's peak, not drive at standstill or take it away."""
+    place = joint_places(load_model("urdf/cdm2.yaml"))[0]
+    candidate = Candidate(CATALOGUE["stribeck_friction"], place, (0.005, 0.05), 0.01)
+    for open_part, fits in (((0.0, 0.0), True), ((0.2, -0.2), True), ((-17.0, -25.0), False)):
+        beta = np.array([1.0, 0.5, *open_part])
+        assert is_plausible(candidate, Score(1e6, 4, beta, 1.0, 1.0)) == fits, open_part
+
+
 @pytest.mark.parametrize("name", ["asymmetric_friction", "position_dependent_friction"])
 def test_friction_that_drives_is_none(name):
     """One that brakes one way and drives the other, or drives at some angle, is not what it is called."""
