@@ -48,7 +48,7 @@ from .unexplained import (
     swinging_torque,
     wandering_torque,
 )
-from .unseen import carried_by, deviance_unseen, stacked, updated
+from .unseen import deviance_unseen, stacked, updated
 from .whitening import log_likelihood
 
 BLURRED = 0.15
@@ -249,12 +249,8 @@ def _seconded(judge: Search, explanation: Explanation, most: int = 8) -> Explana
     if not fit.effects or own < 4.0 * rows:
         return explanation
     effects = list(fit.effects)
-    carried = carried_by(judge, fit)  # masses that are a little off stretch cables by as much
-    own = deviance_unseen(judge, fit, carried)
-    if own < 4.0 * rows:
-        return explanation
     candidates = asked_but_for_laws(search, explanation.bank, effects, most)
-    worth = [deviance_unseen(judge, search.fit([*effects, c], fit.whitener), carried) for c in candidates]
+    worth = [deviance_unseen(judge, search.fit([*effects, c], fit.whitener)) for c in candidates]
     if min(worth, default=own) > 0.5 * (own + rows):
         return explanation
     search, accepted = settled(search, [*effects, candidates[int(np.argmin(worth))]])

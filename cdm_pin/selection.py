@@ -74,6 +74,10 @@ class Settings:
         return max(self.close, 0.5 * self.law_error**2 * statistic)
 
 
+COMPLIANT = ("cable_elasticity", "cable_slack")
+"""Effects whose first coefficient is how much a cable gives per torque."""
+
+
 @dataclass(frozen=True)
 class Bank:
     """Columns of many candidates in the band.
@@ -266,6 +270,7 @@ class Search:
         self._rests: Recent = Recent(8)
         self._offsets: Recent = Recent(8)
         self._drifts: Recent = Recent(8)
+        self._stretched: Recent = Recent(8)
 
     def about(self, fit: Fit) -> Search:
         """Give the same search about a fit: its inertial parameters, and the torques that its effects bring."""
@@ -798,6 +803,51 @@ class Search:
             places = [c for c in all_candidates(self.problem, ("encoder_offset",)) if c.location["index"] not in held]
             rows = [0.5 * steps[c.place.index[0]] * self.white(fit.whitener, self.columns(c)) for c in places]
             known = self._offsets.keep(fit.rest(np.concatenate(rows)) if rows else np.zeros((0, fit.n_rows)), fit)
+        return known
+
+    def stretches(self, fit: Fit) -> list[Vector]:
+        """Give by how much each parameter of the rigid body stretches the soft cables of a fit, in the travel.
+
+        Where the links swing on a cable, that is in the columns of the rigid body itself.
+
+        Returns
+        -------
+        list of ndarray, shape (n_rigid, n_channels, n_reduced)
+            One per run.
+        """
+        problem, m = self.problem, self.problem.model.n_motors
+        out = [np.zeros_like(rigid) for rigid in self.rigid]
+        soft = [(c, beta) for c, beta in zip(fit.effects, fit.beta, strict=True) if c.effect.name in COMPLIANT]
+        if not (problem.torque and problem.kinematic):
+            return out
+        for candidate, beta in soft:
+            i = candidate.place.index[0]
+            for rows, rigid, run, inside in zip(out, self.rigid, problem.runs, problem.segments, strict=True):
+                own = beta[0] / problem.model.arm_scale[i] * rigid[: self.n_bodies, i]
+                if run.sure is not None and inside:  # as far as the mean of a travel counts
+                    mean = np.concatenate([own[:, a:b] for a, b in inside], axis=1).mean(axis=1, keepdims=True)
+                    own = own - (1.0 - run.sure[i]) * mean
+                rows[: self.n_bodies, m + i] += own
+        return out
+
+    def unsure_stretches(self, fit: Fit) -> Vector:
+        """Give what masses that are as unsure as they are may stretch the soft cables of a fit, whitened.
+
+        Returns
+        -------
+        ndarray, shape (n, n_rows)
+            As far as the fit leaves it over.
+        """
+        if not (self.problem.torque and self.problem.kinematic):
+            return np.zeros((0, fit.n_rows))
+        if not any(c.effect.name in COMPLIANT for c in fit.effects):
+            return np.zeros((0, fit.n_rows))
+        known = self._stretched.get(fit)
+        if known is None:
+            p = self.n_bodies
+            values, vectors = np.linalg.eigh(fit.covariance[:p, :p])
+            W = self.white(fit.whitener, [rows[:p] for rows in self.stretches(fit)])
+            known = self._stretched.keep(fit.rest((vectors * np.sqrt(np.maximum(values, 0.0))).T @ W), fit)
         return known
 
     def quicker_drifts(self, fit: Fit) -> Vector:

@@ -19,7 +19,7 @@ from .regions import change_time
 from .selection import Fit, Search, errors, rms
 from .signals_filters import differentiate, lowpass
 from .spectra import tone_peaks, wandering
-from .unseen import carried_by, deviance_unseen
+from .unseen import deviance_unseen
 
 WANDERING = 300.0
 """Slow power over quick power that no noise of a torque's measurement has; a drift that is no fault stays below 30."""
@@ -153,8 +153,7 @@ def beyond_training(judge: Search, fit: Fit, limit: float = 4.0) -> dict[str, An
     """
     if not any(judge.problem.segments):
         return None
-    most = limit**2 * judge.body(fit.whitener).data.size
-    if deviance_unseen(judge, fit) < most or deviance_unseen(judge, fit, carried_by(judge, fit)) < most:
+    if deviance_unseen(judge, fit) < limit**2 * judge.body(fit.whitener).data.size:
         return None
     floor = _floor(judge, fit, _least(judge))
     anew = judge.left_over(fit.effects, smooth=False)[1].rms  # other poses may need masses that the training left open

@@ -10,21 +10,19 @@ from .geometry import Vector
 from .selection import Fit, Search, errors
 
 
-def deviance_unseen(judge: Search, fit: Fit, carried: Sequence[Vector] | None = None) -> float:
+def deviance_unseen(judge: Search, fit: Fit) -> float:
     """Twice the negative logarithm of how likely the unseen recordings are after a fit, up to a constant."""
-    return sum(updated(judge, fit, stacked(judge, fit), carried))
+    return sum(updated(judge, fit, stacked(judge, fit)))
 
 
-def updated(
-    judge: Search, fit: Fit, series: Sequence[Vector], carried: Sequence[Vector] | None = None
-) -> tuple[float, float]:
+def updated(judge: Search, fit: Fit, series: Sequence[Vector]) -> tuple[float, float]:
     """Sum the squares of whitened series after what a fit leaves uncertain, and drifting zeros, are taken out.
 
     Parameters move as far as their covariance allows; the second value is the logarithm of how much room they have.
-    Those of the rigid body may act through other effects, too (`carried_by`).
+    Those of the rigid body act through soft cables, too.
     """
     own = [judge.columns(c) for c in fit.effects]
-    rigid = judge.rigid if carried is None else [a + b for a, b in zip(judge.rigid, carried, strict=True)]
+    rigid = [a + b for a, b in zip(judge.rigid, judge.stretches(fit), strict=True)]
     banks = [
         np.concatenate([rigid[r], *[columns[r] for columns in own], judge.drifts[r], x]) for r, x in enumerate(series)
     ]
@@ -38,28 +36,6 @@ def updated(
     room = np.eye(k) + X @ X.T
     moved = X @ b
     return float(b @ b - moved @ np.linalg.solve(room, moved)), float(np.linalg.slogdet(room)[1])
-
-
-def carried_by(judge: Search, fit: Fit) -> list[Vector]:
-    """Differentiate by the parameters of the rigid body what effects of a fit bring that follow its torques.
-
-    Returns
-    -------
-    list of ndarray, shape (n_rigid, n_channels, n_reduced)
-        One per run.
-    """
-    pairs = list(zip(fit.effects, fit.beta, strict=True))
-    steps = np.sqrt(np.diag(fit.covariance))[: len(judge.base.columns)]
-    out = [np.zeros_like(rigid) for rigid in judge.rigid]
-    if judge.problem.swings:  # what the masses do to the soft cable is in the rigid body's columns then
-        return out
-    for k in np.flatnonzero(steps):
-        there = judge.at(steps[k] * np.eye(len(steps))[k], pairs)
-        for candidate, beta in pairs:
-            if candidate.hangs_on_torques:
-                for r, (a, b) in enumerate(zip(there.columns(candidate), judge.columns(candidate), strict=True)):
-                    out[r][k] += np.tensordot(beta, a - b, 1) / steps[k]
-    return out
 
 
 def stacked(judge: Search, fit: Fit) -> list[Vector]:

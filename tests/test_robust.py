@@ -1,5 +1,6 @@
 """What keeps a diagnosis from claiming too much: bursts of noise, coarse encoders, recordings that it has not seen."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -176,6 +177,25 @@ def test_masses_a_little_off_stretch_cables(tmp_path):
     model, runs, unseen, _ = loaded_trial(tmp_path, 254637549274179, effects=1)
     findings = diagnose(model, runs, unseen).content["findings"]
     assert [(f["effect"], f["location"]["index"]) for f in findings] == [("cable_elasticity", 1)]
+
+
+def test_masses_stretch_cables_by_their_torque(tmp_path):
+    """What a parameter of the rigid body does to the travel of a soft cable is the change of the elastic column."""
+    model, runs, _, _ = loaded_trial(tmp_path, 5, effects=["cable_elasticity"], positions="both", n_links=2)
+    problem = make_problem(model, runs)
+    search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
+    (soft, *_) = all_candidates(problem, ["cable_elasticity"])
+    fit = search.fit([soft])
+    fit = replace(fit, beta=(np.array([fit.beta[0][0], 0.0]),))  # no damper
+    (rows,) = search.stretches(fit)
+    for k in range(len(search.base.columns)):
+        there = search.at(np.eye(len(search.base.columns))[k], [(soft, fit.beta[0])])
+        change = np.tensordot(fit.beta[0], there.columns(soft)[0] - search.columns(soft)[0], 1)
+        inside = slice(*problem.segments[0][0])
+        mine, other = rows[k][2:, inside], change[2:, inside]
+        assert np.allclose(mine, other, atol=1e-2 * np.abs(other).max() + 1e-12)
+    left = search.unsure_stretches(search.fit([soft]))
+    assert left.shape[1] == fit.n_rows and np.isfinite(left).all()
 
 
 def test_no_law_takes_the_place_of_two(monkeypatch):
