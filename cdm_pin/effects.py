@@ -486,11 +486,13 @@ def _other_torques(motion: Motion, place: Place, shape: Shape, base: BaseParamet
 
     Where its own torque is in the motion, that counts with these.
     """
-    i, at_joint = place.index[0], any(place.A)
-    own = motion.tau[:, i] if at_joint else motion.tau_m[:, i]
-    others = [motion.driven_torque[:, i], motion.tau_m[:, i] + motion.a_m[:, i] * motion.model.rotor_inertia[i]]
-    if at_joint:
+    i = place.index[0]
+    if any(place.A):
+        own = motion.tau[:, i]
         others = [own] if motion.extra_joint is None else [own + motion.extra_joint[:, i]]
+    else:
+        own = motion.tau_m[:, i]
+        others = [motion.driven_torque[:, i], own + motion.a_m[:, i] * motion.model.rotor_inertia[i]]
     size = beta[0] * _sign(motion, place, shape)
     return _rub(motion, place, *((np.abs(other) - np.abs(own)) * size for other in others))
 

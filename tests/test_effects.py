@@ -353,6 +353,18 @@ def test_friction_by_torque_may_follow_other_torques():
     assert np.allclose(series[0], 0.1 * change * np.tanh(motion.v[:, 1] / 0.01))
 
 
+def test_what_every_law_leaves_open_is_known_at_every_place():
+    """Also on a robot with more joints than motors."""
+    model = load_model("urdf/real/psm.yaml")
+    assert model.n_joints > model.n_motors
+    motion, base = make_motion(model), base_parameters(model)
+    for effect in CATALOGUE.values():
+        for place in effect.places(model) if effect.leaves_open is not None else ():
+            beta, shape = np.full(len(effect.signs), 0.1), effect.grid([motion], place)[0]
+            columns = effect.leaves_open(motion, place, shape, base, beta)
+            assert columns.along is not None or columns.torque is not None
+
+
 def test_a_tilt_shows_what_a_level_base_hides():
     """About a vertical axis a first moment is felt only under a tilt; its torque is among what may be wrong then."""
     model = build_model(parse_manipulator(planar_content(2, 3) | {"gravity": [0.0, 0.0, -9.81]}))
