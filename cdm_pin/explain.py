@@ -22,6 +22,8 @@ UNLIKELIER = "transmission_ratio_error"
 """Less likely than what is as simple and explains as much: radii of pulleys are known better than gains of torques."""
 ABOUT = 0.02
 """Share of the likelihood gained that the next best law may lose where the best is none that friction can have."""
+UNCOUPLED = 0.03
+"""Ratio below which a motor that turns with a joint only turns by itself."""
 RISEN, UNDONE = 0.05, 0.5
 """Shares by which Stribeck's friction, with all that its sign leaves open, has to rise above that of sliding, and by
 which it may drive at standstill."""
@@ -727,8 +729,10 @@ def is_plausible(candidate: Candidate, score: Score, beside: Sequence[Candidate]
     """Whether friction brakes both ways, and breaking away takes no more than a few times what sliding does.
 
     What peaks higher is the velocity's noise, and what drives one way is a constant torque. Dry friction `beside` it,
-    at the same place, has a share of its own.
+    at the same place, has a share of its own. A motor that hardly turns with a joint is not coupled to it.
     """
+    if candidate.effect.name == "transmission_coupling":
+        return abs(candidate.shape[1]) > UNCOUPLED
     if any(other.has_doubts and _meets(candidate, other) for other in beside):
         return True
     if candidate.effect.name in ("asymmetric_friction", "position_dependent_friction"):

@@ -145,6 +145,14 @@ def test_static_friction_of_many_times_the_sliding_one_is_no_law():
         assert is_plausible(candidate, Score(1e4, 2, np.array([1.0, peak]), 1.0, 1.0)) == fits
 
 
+def test_a_motor_that_hardly_turns_with_a_joint_is_not_coupled():
+    law = CATALOGUE["transmission_coupling"]
+    place = law.places(load_model("urdf/cdm2.yaml"))[0]
+    for ratio, fits in ((0.4, True), (-0.4, True), (-0.009, False)):
+        candidate = Candidate(law, place, (0.01, ratio))
+        assert is_plausible(candidate, Score(1e3, 3, np.array([7.0, 0.0, 0.0]), 1.0, 1.0)) == fits
+
+
 def test_a_peak_that_its_own_sign_undoes_is_none():
     """What the sign of a velocity leaves open may blur Stribeck's peak, not drive at standstill or take it away."""
     place = joint_places(load_model("urdf/cdm2.yaml"))[0]
