@@ -40,6 +40,11 @@ class Band:
     taps: Vector
     slow: float = np.inf
 
+    @property
+    def reduced_rate(self) -> float:
+        """Samples per second that are kept [Hz]."""
+        return self.rate / self.step
+
     def reduce(self, x: Vector) -> Vector:
         """Filter and decimate along the last axis, (..., n) -> (..., ceil(n / step)); `segments` cuts the ends."""
         half = len(self.taps) // 2

@@ -578,7 +578,7 @@ def _unresolved(explanation: Explanation, items: Sequence[dict[str, Any]]) -> li
 def _data(problem: Problem) -> dict[str, Any]:
     return {
         "band": [0.0, problem.band.cutoff],
-        "rate": problem.band.rate / problem.band.step,
+        "rate": problem.band.reduced_rate,
         "torque": problem.torque,
         "kinematic": problem.kinematic,
         "recordings": [

@@ -141,6 +141,8 @@ class Effect:
     error : float
         Share of itself that the law may be wrong by; what else is found at the same time has to be larger. How a sign
         of velocity passes through zero is counted apart (`Candidate.doubts`).
+    plausible : callable
+        Coefficients, shape, scale of the detail -> whether they are such as the law may have.
     leaves_open : callable, optional
         Motion, place, shape, base parameters, coefficients -> what else it may bring: from inertial parameters that the
         rest does not show, as far as they may be wrong, or from torques of which its law may or may not speak.
@@ -169,6 +171,7 @@ class Effect:
     carried: bool = True
     errors: Callable[[Place, Shape], dict[str, float]] = lambda place, shape: {}
     error: float = 0.01
+    plausible: Callable[[Vector, Shape, float], bool] = lambda beta, shape, detail: True
     leaves_open: Callable[[Motion, Place, Shape, BaseParameters, Vector], Columns] | None = None
     detail: Callable[[Motion, Place, Shape, float], list[Vector]] | None = None
     confounded: tuple[str, ...] = ()
@@ -431,6 +434,39 @@ def transitions(v: Vector, scale: float) -> list[Vector]:
     """Give how a sign of velocity may pass through zero beside the smooth one, on a scale of velocity."""
     signs = [np.tanh(v / (f * scale)) for f in (0.35, 0.9, 2.0)]
     return [signs[0] - signs[1], signs[1] - signs[2]]
+
+
+UNCOUPLED = 0.03
+"""Ratio below which a motor that turns with a joint only turns by itself."""
+PEAK = 4.0
+"""How many times sliding friction breaking away may take at most; what peaks higher is the velocity's noise."""
+RISEN, UNDONE = 0.05, 0.5
+"""Shares by which Stribeck's friction, with all that its sign leaves open, has to rise above that of sliding, and by
+which it may drive at standstill."""
+
+
+def extremes(beta: Vector, shape: Shape, detail: float) -> tuple[float, float]:
+    """Give the least and the most that dry or Stribeck's friction takes over sliding, with what is left open."""
+    width, *peak = shape
+    v = np.linspace(0.0, max([4.0 * detail, *(3.0 * x for x in peak)]), 200)
+    series = [np.tanh(v / width)]
+    if peak:
+        series.append(series[0] * np.exp(-((v / peak[0]) ** 2)))
+    if detail:
+        series += transitions(v, detail)
+    law = beta @ series / max(beta[0], 1e-300)
+    return float(law.min()), float(law.max())
+
+
+def _peaks(beta: Vector, shape: Shape, detail: float) -> bool:
+    """Whether friction rises towards standstill, and no more than it may."""
+    least, peak = extremes(beta, shape, detail) if detail else (0.0, np.inf)
+    return bool(least > -UNDONE and peak > 1.0 + RISEN and beta[1] <= PEAK * beta[0])
+
+
+def _brakes(n: int) -> Callable[[Vector, Shape, float], bool]:
+    """Give whether friction of n coefficients brakes both ways and everywhere: what drives is none."""
+    return lambda beta, shape, detail: float(np.linalg.norm(beta[1:n])) <= beta[0]
 
 
 STOPS = (0.3, 0.8, 2.0, 5.0)
@@ -1164,6 +1200,7 @@ CATALOGUE: dict[str, Effect] = {
             errors=_peak_errors,
             reference=_FRICTION,
             nuisance_shape=1,
+            plausible=_peaks,
             detail=_transition,
         ),
         Effect(
@@ -1180,6 +1217,7 @@ CATALOGUE: dict[str, Effect] = {
             revealed_by="nothing beside symmetric friction and a constant torque on that joint, which it equals",
             reference=_FRICTION,
             nuisance_shape=1,
+            plausible=_brakes(2),
             detail=_transition,
         ),
         Effect(
@@ -1245,6 +1283,7 @@ CATALOGUE: dict[str, Effect] = {
             inverse=_position_inverse,
             reference=_FRICTION,
             nuisance_shape=1,
+            plausible=_brakes(3),
             detail=_transition,
         ),
         Effect(
@@ -1421,6 +1460,7 @@ CATALOGUE: dict[str, Effect] = {
             inverse=lambda p: ([p.get("inertia", 0.0), p.get("viscous", 0.0), p.get("coulomb", 0.0)], [p["ratio"]]),
             reference=_MAP,
             nuisance_shape=1,
+            plausible=lambda beta, shape, detail: abs(shape[1]) > UNCOUPLED,
             detail=_coupling_transition,
             error=0.02,
         ),

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .effects import CATALOGUE, Candidate, at_known_place, transitions, twin_places
+from .effects import CATALOGUE, Candidate, at_known_place, extremes, twin_places
 from .events import Reporter
 from .everywhere import kinds_first, needed, rubs_everywhere
 from .geometry import Vector
@@ -22,11 +22,6 @@ UNLIKELIER = "transmission_ratio_error"
 """Less likely than what is as simple and explains as much: radii of pulleys are known better than gains of torques."""
 ABOUT = 0.02
 """Share of the likelihood gained that the next best law may lose where the best is none that friction can have."""
-UNCOUPLED = 0.03
-"""Ratio below which a motor that turns with a joint only turns by itself."""
-RISEN, UNDONE = 0.05, 0.5
-"""Shares by which Stribeck's friction, with all that its sign leaves open, has to rise above that of sliding, and by
-which it may drive at standstill."""
 ROUNDED = 2.0
 """How many times the torque that steps of encoders bring a correction without a name has to make."""
 PREFERENCE = 2.0
@@ -256,19 +251,6 @@ def _is_all_but_errors(search: Search, without: Fit, own: Candidate, rival: Cand
     return float(more @ more) < _error_of_laws(search, own, more, beside)
 
 
-def extremes(candidate: Candidate, beta: Vector) -> tuple[float, float]:
-    """Give the least and the most that friction takes over that of sliding, with what its law leaves open."""
-    width, *peak = candidate.shape
-    v = np.linspace(0.0, max([4.0 * candidate.detail, *(3.0 * x for x in peak)]), 200)
-    series = [np.tanh(v / width)]
-    if peak:
-        series.append(series[0] * np.exp(-((v / peak[0]) ** 2)))
-    if candidate.detail:
-        series += transitions(v, candidate.detail)
-    law = beta @ series / max(beta[0], 1e-300)
-    return float(law.min()), float(law.max())
-
-
 def _peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
     """Let friction be Stribeck's where what dry friction leaves open about its sign rises far above it.
 
@@ -279,7 +261,7 @@ def _peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
     places = [place.location for place in law.places(search.problem.model)]
     for j, (candidate, found) in enumerate(zip(accepted, explanation.found, strict=True)):
         dry = candidate.effect.name == "coulomb_friction" and candidate.detail and candidate.place.location in places
-        if not dry or extremes(candidate, explanation.fit.beta[j])[1] < 1.0 + most:
+        if not dry or extremes(explanation.fit.beta[j], candidate.shape, candidate.detail)[1] < 1.0 + most:
             continue
         without, grid = search.without(explanation.fit, j), law.grid(search.problem.motions, candidate.place)
         trials = [Candidate(law, candidate.place, (candidate.shape[0], *shape[1:])) for shape in grid]
@@ -725,22 +707,10 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
     return known, search.score(fit, known)
 
 
-def is_plausible(candidate: Candidate, score: Score, beside: Sequence[Candidate] = (), most: float = 4.0) -> bool:
-    """Whether friction brakes both ways, and breaking away takes no more than a few times what sliding does.
-
-    What peaks higher is the velocity's noise, and what drives one way is a constant torque. Dry friction `beside` it,
-    at the same place, has a share of its own. A motor that hardly turns with a joint is not coupled to it.
-    """
-    if candidate.effect.name == "transmission_coupling":
-        return abs(candidate.shape[1]) > UNCOUPLED
-    if any(other.has_doubts and _meets(candidate, other) for other in beside):
-        return True
-    if candidate.effect.name in ("asymmetric_friction", "position_dependent_friction"):
-        return float(np.linalg.norm(score.beta[1 : len(candidate.effect.signs)])) <= score.beta[0]
-    if candidate.effect.name != "stribeck_friction":
-        return True
-    least, peak = extremes(candidate, score.beta) if candidate.detail else (0.0, np.inf)
-    return least > -UNDONE and peak > 1.0 + RISEN and score.beta[1] <= most * score.beta[0]
+def is_plausible(candidate: Candidate, score: Score, beside: Sequence[Candidate] = ()) -> bool:
+    """Whether coefficients are such as a law may have; dry friction `beside` it, at its place, has its own share."""
+    shared = candidate.effect.name in REFINING and any(c.has_doubts and _meets(candidate, c) for c in beside)
+    return shared or candidate.effect.plausible(score.beta, candidate.shape, candidate.detail)
 
 
 def hides_in_masses(search: Search, fit: Fit, candidate: Candidate, most: float = 2.0) -> bool:

@@ -52,14 +52,13 @@ def _in_bursts(search: Search, fit: Fit, candidate: Candidate) -> Score:
 
     Encoders that round down, or whose zero is known to half a step, are off by up to that: such offsets are fitted with
     that much room beside the candidate; and so is what unsure masses stretch soft cables by, and, beside a push, drifts
-    of zeros a little quicker than was seen. Then
-    the statistic is divided by how much larger than usual the residual is where the candidate acts, as far as that is
-    sure: the variance of its coefficient is then the sandwich's, in blocks (White, Econometrica 48(4), 1980; Newey,
-    West, Econometrica 55(3), 1987).
+    of zeros a little quicker than was seen. Then the statistic is divided by how much larger than usual the residual is
+    where the candidate acts, as far as that is sure: the variance of its coefficient is then the sandwich's, in blocks
+    (White, Econometrica 48(4), 1980; Newey, West, Econometrica 55(3), 1987).
     """
     W = search.white(fit.whitener, search.columns(candidate))
     X, Z = fit.rest(W), np.concatenate([search.offsets(fit), search.unsure_stretches(fit)])
-    if candidate.effect.name == "external_torque" and search.drift is not None:  # it looks like a drift for a while
+    if candidate.effect.name == "external_torque":  # it looks like a drift for a while
         Z = np.concatenate([Z, search.quicker_drifts(fit)])
     room = np.linalg.inv(np.eye(len(Z)) + Z @ Z.T)
     c = X @ fit.residual - (X @ Z.T) @ room @ (Z @ fit.residual)

@@ -362,7 +362,7 @@ class Search:
 
         Judged in what effects and smooth functions of the state leave over, by the frequencies next to theirs.
         """
-        problem, rate = self.problem, self.problem.band.rate / self.problem.band.step
+        problem, rate = self.problem, self.problem.band.reduced_rate
         if not problem.torque or not any(problem.segments):
             return self
         rest, basis = self._rest(effects, self.smooth)
@@ -373,9 +373,7 @@ class Search:
         quicker = 0
         while quicker < QUICKER and set(channels) & set(drifting_channels(*seen, quicker + 1)):
             quicker += 1
-        lengths = [rigid.shape[2] for rigid in self.rigid]
-        columns = drift_columns(lengths, rate, problem.n_channels, channels, LONG, quicker)
-        drift = Drift(columns, tuple(channels), quicker)
+        drift = Drift(self._waves(channels, LONG, quicker), tuple(channels), quicker)
         search = Search(problem, self.base, self.settings, self.held, drift)
         search._cache = self._cache
         for name in ("common", "plain", "loads", "smooth", "unshared", "nominal"):
@@ -641,17 +639,20 @@ class Search:
 
         A constant stays visible beside them, unless the zeros were seen to drift.
         """
-        n, rate = self.problem.n_channels, self.problem.band.rate / self.problem.band.step
-        lengths = [rigid.shape[2] for rigid in self.rigid]
-        if self.drift is None:
-            return drift_columns(lengths, rate, n, range(n), 1.0)
-        return drift_columns(lengths, rate, n, range(n), LONG, self.drift.quicker)
+        channels = range(self.problem.n_channels)
+        return self._waves(channels, 1.0) if self.drift is None else self._waves(channels, LONG, self.drift.quicker)
+
+    def _waves(self, channels: Sequence[int], stretch: float, quicker: int = 0) -> list[Vector]:
+        """Give slow shapes of their own to some channels of every run (`drift_columns`)."""
+        lengths = [data.shape[2] for data in self.problem.data]
+        rate, n = self.problem.band.reduced_rate, self.problem.n_channels
+        return drift_columns(lengths, rate, n, channels, stretch, quicker)
 
     def still(self, errors: Sequence[Vector]) -> list[Vector]:
         """Take slow shapes out of errors where zeros were seen to drift, per run (n_channels, n_reduced)."""
         if self.drift is None:
             return list(errors)
-        rate = self.problem.band.rate / self.problem.band.step
+        rate = self.problem.band.reduced_rate
         shapes = [slow_shapes(e.shape[1], rate, LONG, self.drift.quicker) for e in errors]
         return [without_drift(*each) for each in zip(errors, self.problem.segments, shapes, strict=True)]
 
@@ -817,10 +818,9 @@ class Search:
         """
         problem, m = self.problem, self.problem.model.n_motors
         out = [np.zeros_like(rigid) for rigid in self.rigid]
-        soft = [(c, beta) for c, beta in zip(fit.effects, fit.beta, strict=True) if c.effect.name in COMPLIANT]
-        if not (problem.torque and problem.kinematic):
-            return out
-        for candidate, beta in soft:
+        for candidate, beta in zip(fit.effects, fit.beta, strict=True):
+            if not self._is_seen_to_stretch(candidate):
+                continue
             i = candidate.place.index[0]
             for rows, rigid, run, inside in zip(out, self.rigid, problem.runs, problem.segments, strict=True):
                 own = beta[0] / problem.model.arm_scale[i] * rigid[: self.n_bodies, i]
@@ -838,9 +838,7 @@ class Search:
         ndarray, shape (n, n_rows)
             As far as the fit leaves it over.
         """
-        if not (self.problem.torque and self.problem.kinematic):
-            return np.zeros((0, fit.n_rows))
-        if not any(c.effect.name in COMPLIANT for c in fit.effects):
+        if not any(self._is_seen_to_stretch(c) for c in fit.effects):
             return np.zeros((0, fit.n_rows))
         known = self._stretched.get(fit)
         if known is None:
@@ -849,6 +847,10 @@ class Search:
             W = self.white(fit.whitener, [rows[:p] for rows in self.stretches(fit)])
             known = self._stretched.keep(fit.rest((vectors * np.sqrt(np.maximum(values, 0.0))).T @ W), fit)
         return known
+
+    def _is_seen_to_stretch(self, candidate: Candidate) -> bool:
+        """Whether an effect is a soft cable whose travel is measured, and the torque that stretches it."""
+        return self.problem.torque and self.problem.kinematic and candidate.effect.name in COMPLIANT
 
     def quicker_drifts(self, fit: Fit) -> Vector:
         """Give waves a little quicker than zeros were seen to move, whitened, as far as a fit leaves them over.
@@ -863,9 +865,7 @@ class Search:
             return np.zeros((0, fit.n_rows))
         known = self._drifts.get(fit)
         if known is None:
-            problem, rate = self.problem, self.problem.band.rate / self.problem.band.step
-            lengths, quicker = [rigid.shape[2] for rigid in self.rigid], self.drift.quicker + QUICKER
-            waves = drift_columns(lengths, rate, problem.n_channels, self.drift.channels, LONG, quicker)
+            waves = self._waves(self.drift.channels, LONG, self.drift.quicker + QUICKER)
             left = fit.rest(self.white(fit.whitener, waves))
             values, vectors = np.linalg.eigh(left @ left.T)
             seen = values > 1e-9 * np.max(values, initial=0.0)
@@ -1185,7 +1185,7 @@ def tones(search: Search, effects: Sequence[Candidate] = (), most: int = 3, leas
         Height of a peak over the median around it, in power; noise alone reaches some 15.
     """
     problem = search.problem
-    rate = problem.band.rate / problem.band.step
+    rate = problem.band.reduced_rate
     peaks: dict[float, float] = {}
     for e, run in zip(search.left_over(effects, smooth=False)[0], problem.segments, strict=True):
         start, stop = max(run, key=lambda s: s[1] - s[0], default=(0, 0))
