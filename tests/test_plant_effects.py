@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cdm_pin.errors import SimulationError
 from cdm_pin.manipulator import parse_manipulator
 from cdm_pin.plant.absolute import prescribed
 from cdm_pin.plant.arms import draw_arm, draw_reference, draw_servo, manipulator_file
@@ -233,6 +234,29 @@ def test_elastic_cables_stretch_by_their_torque():
     rate = np.gradient(x, run.step, axis=0)
     np.testing.assert_allclose((120.0 * x + 0.3 * rate)[10:-10, 1], run.C[10:-10, 1], atol=1e-2 * scale)
     np.testing.assert_allclose(x[:, 0], 0.0, atol=1e-12)
+
+
+def test_cables_too_stiff_to_integrate_are_stretched_by_their_load():
+    """The motion is that of rigid cables, the motor ahead by C / K."""
+    rng = np.random.default_rng(2)
+    arm, scale = draw_arm(rng, 2, rotors=True)
+    servo, reference = draw_servo(rng, arm, scale), draw_reference(rng, 2)
+    stiff = Fault("cable_elasticity", {"kind": "cable", "index": 2}, {"stiffness": 1e6, "damping": 3e3}, ())
+    run, rigid = (simulate_run(arm, faults, arm, servo, reference, 3.0) for faults in ([stiff], []))
+    np.testing.assert_allclose(run.phi, rigid.phi, atol=1e-9)
+    np.testing.assert_allclose((run.q_m - rigid.q_m) * arm.ratio, rigid.C / np.array([np.inf, 1e6]), atol=1e-9)
+
+
+@pytest.mark.parametrize("stiffness", [np.inf, 100.0])
+def test_a_loop_that_diverges_says_so(stiffness):
+    """What such a loop did not reach is not taken for a motion."""
+    rng = np.random.default_rng(2)
+    arm, scale = draw_arm(rng, 2, rotors=True)
+    servo = draw_servo(rng, arm, scale)
+    wild = servo._replace(damping=-50.0 * servo.damping)
+    soft = Fault("cable_elasticity", {"kind": "cable", "index": 2}, {"stiffness": stiffness, "damping": 0.3}, ())
+    with pytest.raises(SimulationError, match="diverges"):
+        simulate_run(arm, [soft], arm, wild, draw_reference(rng, 2), 3.0)
 
 
 def test_what_is_logged(scene):

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 
 from .laws import N_STATES, advance_laws, apply_laws
-from .paths import cable_torques, path, stretch_torque
+from .paths import cable_torques, lost_length, path, stretch_torque
 from .planar import hinge_reactions, lumped, mass_and_bias, solve_in_place
 
 
@@ -205,7 +205,7 @@ def closed_loop(arm, laws, model, servo, reference, dt, substeps, N):
     D, sx, sy = lumped(arm)
     D += arm.rotor / arm.ratio**2
     Dm, sxm, sym = lumped(model)
-    out = np.empty((3, N, n))
+    out = np.full((3, N, n), np.nan)  # what a loop that diverges leaves behind
     state, stage, slope, rise = np.zeros((2, n)), np.zeros((2, n)), np.zeros((2, n)), np.zeros((2, n))
     desired = np.empty((3, n))
     M, h, u, Q, feed = np.empty((n, n)), np.empty(n), np.empty(n), np.zeros(n), np.empty(n)
@@ -280,7 +280,7 @@ def compliant_loop(arm, laws, cables, model, servo, reference, dt, substeps, N):
     elastic = np.isfinite(cables.stiffness)
     tied = np.where(elastic, 0.0, arm.rotor / arm.ratio**2)
     D += tied
-    out = np.empty((6, N, n))
+    out = np.full((6, N, n), np.nan)
     state, stage, slope, rise = np.zeros((4, n)), np.zeros((4, n)), np.zeros((4, n)), np.zeros((4, n))
     desired = np.empty((3, n))
     M, P, h, u, feed = np.empty((n, n)), np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n)
@@ -300,10 +300,7 @@ def compliant_loop(arm, laws, cables, model, servo, reference, dt, substeps, N):
     cable_torques(P, tau, C)
     C -= tied * desired[2]
     for i in range(n):  # the motors start where the cables carry the load
-        x = C[i] / cables.stiffness[i]  # zero for a rigid one
-        if abs(C[i]) > cables.slack[i]:
-            x = np.sign(C[i]) * (2.0 * abs(C[i]) - cables.slack[i]) / cables.stiffness[i]
-        state[2, i] = (psi[i] + x + np.sign(C[i]) * cables.half_gap[i]) / arm.ratio
+        state[2, i] = (psi[i] + lost_length(cables, i, C[i])) / arm.ratio
         state[3, i] = dpsi[i] / arm.ratio
     v0[:] = state[3]
     step = dt / substeps

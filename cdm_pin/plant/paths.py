@@ -75,6 +75,15 @@ def stretch_torque(cables, i, x, dx):
     return C if gap == 0.0 or C * y > 0 else 0.0
 
 
+@njit(cache=True)
+def lost_length(cables, i, C):
+    """Lost length [rad] at which cable pair `i` holds the torque `C` [N m] at rest: `stretch_torque` turned round."""
+    x = C / cables.stiffness[i]  # zero for a rigid one
+    if abs(C) > cables.slack[i]:
+        x = np.sign(C) * (2.0 * abs(C) - cables.slack[i]) / cables.stiffness[i]
+    return x + np.sign(C) * cables.half_gap[i]
+
+
 def joints_from_motors(cables: Cables, ratio: float, q_m: np.ndarray) -> np.ndarray:
     """Solve the inextensible path for the joint angles (N, n) [rad] that motor angles `q_m` (N, n) stand for."""
     psi = q_m * ratio

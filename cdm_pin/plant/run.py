@@ -11,7 +11,7 @@ from .absolute import Reference, Servo, closed_loop, compliant_loop, motor_torqu
 from .compile import compile_laws
 from .faults import Fault
 from .laws import DRY, WIDTH, Laws
-from .paths import Cables, ideal_cables
+from .paths import Cables, ideal_cables, lost_length
 from .planar import Arm, lumped, mass_and_bias
 from .sensing import Motion
 
@@ -52,6 +52,7 @@ def altered(arm: Arm, faults: Sequence[Fault]) -> tuple[Arm, Cables]:
 
 
 MOST_SUBSTEPS = 2  # where only dry friction asks for more
+STIFF = 16  # where elastic cables ask for more, they are at rest with the load they carry
 
 
 def _integrable(arm: Arm, laws: Laws, cables: Cables, phi: np.ndarray) -> tuple[Laws, int]:
@@ -76,7 +77,7 @@ def _integrable(arm: Arm, laws: Laws, cables: Cables, phi: np.ndarray) -> tuple[
         for i in np.flatnonzero(elastic):
             lightest = 4.0 * inverse.max() + arm.ratio**2 / arm.rotor[i]
             stiffest = max(stiffest, np.sqrt(cables.stiffness[i] * lightest), cables.damping[i] * lightest)
-    return laws._replace(parameters=parameters), int(np.clip(np.ceil(stiffest * FINE_STEP / 1.2), 1, 16))
+    return laws._replace(parameters=parameters), max(1, int(np.ceil(stiffest * FINE_STEP / 1.2)))
 
 
 def simulate_run(
@@ -85,7 +86,7 @@ def simulate_run(
     """Simulate one run on the fine grid: `servo` None holds the reference exactly.
 
     With rigid cables the torque is always that of the exact laws along the motion that the loop made, whatever the
-    loop was integrated with.
+    loop was integrated with. Cables too stiff to integrate follow the motion of rigid ones, stretched by their load.
 
     Raises
     ------
@@ -96,13 +97,18 @@ def simulate_run(
     laws = compile_laws(faults, true.ratio, true.length.size)
     N = round((duration + 0.1) / FINE_STEP) + 1
     phi, w, a = prescribed(reference, FINE_STEP, N)
+    elastic = np.isfinite(cables.stiffness)
     if servo is not None:
         eased, steps = _integrable(true, laws, cables, phi)
-        if np.isfinite(cables.stiffness).any():
+        if elastic.any() and steps <= STIFF:
             run = compliant_loop(true, eased, cables, model, servo, reference, FINE_STEP, steps, N)
             return _checked(Motion(*run, FINE_STEP))
-        phi, w, a = closed_loop(true, eased, model, servo, reference, FINE_STEP, steps, N)
+        if elastic.any():
+            eased, steps = _integrable(true, laws, ideal_cables(len(elastic)), phi)
+        phi, w, a = closed_loop(true, eased, model, servo, reference, FINE_STEP, min(steps, STIFF), N)
     tau_m, q_m, C = motor_torques(true, laws, cables, phi, w, a, FINE_STEP)
+    for i in np.flatnonzero(elastic):
+        q_m[:, i] += np.array([lost_length(cables, i, load) for load in C[:, i]]) / true.ratio
     return _checked(Motion(phi, w, a, tau_m, q_m, C, FINE_STEP))
 
 
