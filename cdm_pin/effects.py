@@ -1002,7 +1002,14 @@ def _tilt_axes(model: CableModel) -> list[Vector]:
 
 
 def _delay(motion: Motion, place: Place, shape: Shape) -> Columns:
-    late = (delayed(motion.logged_torque, motion.rate, shape[0]) - motion.logged_torque) / shape[0]
+    """What the model's torque changes by: the part that is odd in time of all of it, the even part of what is known.
+
+    The even part smooths, noise as well: the noise that a model's torque has from positions would call for a delay.
+    """
+    later, earlier = (delayed(motion.logged_torque, motion.rate, d) for d in (shape[0], -shape[0]))
+    known = motion.clear_logged_torque
+    smoothed = 0.5 * sum(delayed(known, motion.rate, d) for d in (shape[0], -shape[0])) - known
+    late = (0.5 * (later - earlier) + smoothed) / shape[0]
     if place.index:
         late = late * np.eye(motion.model.n_motors)[place.index[0]]
     return Columns(late[..., None])

@@ -323,22 +323,31 @@ class Motion:
 
     @cached_property
     def clear_torque(self) -> Vector:
-        """`cable_torque` at those frequencies at which it is known, shape (n, n_motors) [N m].
+        """`cable_torque` at those frequencies at which it is known, shape (n, n_motors) [N m]."""
+        return self._clear(self.cable_torque, 1.0 / self.model.arm_scale)
 
-        Elsewhere it is mostly the positions' noise, which the residual holds too and would seem to follow from it.
+    @cached_property
+    def clear_logged_torque(self) -> Vector:
+        """`logged_torque` at those frequencies at which it is known, shape (n, n_motors) [N m]."""
+        return self._clear(self.logged_torque, np.ones(self.model.n_motors))
+
+    def _clear(self, torque: Vector, scale: Vector) -> Vector:
+        """Give torques (n, n_motors) at those frequencies at which they are known; `scale` is theirs to the motors'.
+
+        Elsewhere they are mostly the positions' noise, which the residual holds too and would seem to follow from it.
         """
         if self.inertia_noise is None:
-            return self.cable_torque
+            return torque
         from .band import ONE_SIDED
         from .signals_filters import lowpass
 
         ends = min(ONE_SIDED, self.n // 2)
-        torque = self.cable_torque[np.clip(np.arange(self.n), ends, self.n - 1 - ends)]  # accelerations there are wild
+        torque = torque[np.clip(np.arange(self.n), ends, self.n - 1 - ends)]  # accelerations there are wild
         slow, ramp = lowpass(torque, self.rate, SLOWEST), min(2.0 * RAMP * self.rate / self.n, 1.0)
         sines = np.asarray(dst(((torque - slow) * tukey(self.n, ramp)[:, None])[1:-1], type=1, axis=0))
         window = min(self.n, round(WINDOW * self.rate))  # medians: accelerations beside gaps are wild, too
         lines, power = welch(torque, self.rate, nperseg=window, average="median", axis=0)
-        noise = (self.inertia_noise / self.model.arm_scale * (2 * np.pi * lines[:, None]) ** 2) ** 2 / (0.5 * self.rate)
+        noise = (self.inertia_noise * scale * (2 * np.pi * lines[:, None]) ** 2) ** 2 / (0.5 * self.rate)
         known = power > CLEAR * noise
         f = np.arange(1, self.n - 1) * self.rate / (2 * (self.n - 1))
         sines *= known[np.rint(f * window / self.rate).astype(int)]

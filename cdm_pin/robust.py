@@ -19,7 +19,7 @@ COARSE = 0.7
 UNSURE = 1.5
 """How many times larger the errors of accelerations may be than they are estimated to be."""
 SURE = 0.95
-"""Probability with which noise must be known to be more where an effect acts than elsewhere."""
+"""Probability with which noise must be known to be more where an effect acts than elsewhere, for it to count."""
 
 
 def is_coarse(problem: Problem) -> bool:
@@ -53,7 +53,7 @@ def _in_bursts(search: Search, fit: Fit, candidate: Candidate) -> Score:
     Encoders that round down, or whose zero is known to half a step, are off by up to that: such offsets are fitted with
     that much room beside the candidate; and so is what unsure masses stretch soft cables by, and, beside a push, drifts
     of zeros a little quicker than was seen. Then the statistic is divided by how much larger than usual the residual is
-    where the candidate acts, as far as that is sure: the variance of its coefficient is then the sandwich's, in blocks
+    where the candidate acts, if it is sure to be: the variance of its coefficient is then the sandwich's, in blocks
     (White, Econometrica 48(4), 1980; Newey, West, Econometrica 55(3), 1987).
     """
     W = search.white(fit.whitener, search.columns(candidate))
@@ -73,7 +73,9 @@ def _in_bursts(search: Search, fit: Fit, candidate: Candidate) -> Score:
 
 
 def bursts(own: Vector, rest: Vector) -> float:
-    """Say how many times the noise is larger where an effect acts than on the whole, in variance; what is sure of it.
+    """Say how many times the noise is larger where an effect acts than on the whole, in variance.
+
+    Zero unless it is sure to be larger at all.
 
     Parameters
     ----------
@@ -89,5 +91,6 @@ def bursts(own: Vector, rest: Vector) -> float:
         together = (own[:n] * rest[:n]).reshape(-1, length).sum(axis=1)
         ratio = float(together @ together / size.sum())
         free = float(size.sum() ** 2 / (size @ size))
-        worst = max(worst, ratio * free / float(chi2.ppf(SURE, free)))
+        if ratio * free > float(chi2.ppf(SURE, free)):
+            worst = max(worst, ratio)
     return worst

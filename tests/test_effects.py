@@ -322,6 +322,22 @@ def test_nothing_is_derived_from_noise(arm):
     assert np.all(np.std(error[inside], axis=0) < 0.01 * np.std(motion.cable_torque, axis=0))
 
 
+def test_no_delay_follows_from_noise(arm):
+    """The noise that positions bring into the model's torque, and with it into the residual, looks like no delay."""
+    motion = make_motion(arm, inertia_noise=np.full(arm.n_motors, 2e-5))
+    noise = 1e-5 * np.random.default_rng(0).standard_normal(motion.a.shape)
+    shaken = replace(motion, a=motion.a + np.gradient(np.gradient(noise, motion.time, axis=0), motion.time, axis=0))
+    residual = (motion.logged_torque - shaken.logged_torque)[50:-50, 0]
+    place = next(p for p in CATALOGUE["time_delay"].places(arm) if p.location == {"kind": "motor", "index": 1})
+    late = CATALOGUE["time_delay"].columns(shaken, place, (0.01,)).torque[50:-50, 0, 0]
+    true = CATALOGUE["time_delay"].columns(motion, place, (0.01,)).torque[50:-50, 0, 0]
+    smoothed, exact = (
+        (delayed(m.logged_torque, m.rate, 0.01) - m.logged_torque)[50:-50, 0] / 0.01 for m in (shaken, motion)
+    )
+    assert abs(residual @ late) < 0.1 * abs(residual @ smoothed)
+    np.testing.assert_allclose(true, exact, atol=1e-2 * np.abs(exact).max())
+
+
 def test_ends_of_a_recording_are_no_motion(arm):
     """Accelerations are wild in the first and last samples; they do not let the noise pass for a torque."""
     motion = make_motion(arm, inertia_noise=np.full(arm.n_motors, 2e-5))
