@@ -1002,9 +1002,9 @@ def _tilt_axes(model: CableModel) -> list[Vector]:
 
 
 def _delay(motion: Motion, place: Place, shape: Shape) -> Columns:
-    """What the model's torque changes by: the part that is odd in time of all of it, the even part of what is known.
+    """Shift the model's torque in time; the part of the change that is even in time is that of what is known of it.
 
-    The even part smooths, noise as well: the noise that a model's torque has from positions would call for a delay.
+    That part smooths, noise as well: the noise that a model's torque has from positions would call for a delay.
     """
     later, earlier = (delayed(motion.logged_torque, motion.rate, d) for d in (shape[0], -shape[0]))
     known = motion.clear_logged_torque
