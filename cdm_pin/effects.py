@@ -427,7 +427,25 @@ def _sign(motion: Motion, place: Place, shape: Shape) -> Vector:
 
 
 def _transition(motion: Motion, place: Place, shape: Shape, scale: float) -> list[Vector]:
-    return transitions(_speed(motion, place), scale)
+    v = _speed(motion, place)
+    return [*transitions(v, scale), creeping(v, scale, motion.rate)]
+
+
+CREEP = 0.02
+"""Time [s] for which a position may creep within a step of its encoder before and after a standstill."""
+PAUSES = 0.003
+"""Share of the time around standstills below which there are none."""
+
+
+def creeping(v: Vector, scale: float, rate: float) -> Vector:
+    """Give the sign of velocity that comes before a standstill or after it, for a short time; zero without any.
+
+    Friction is there while positions creep within a step of their encoder, which shows them at rest.
+    """
+    sign, n = np.tanh(v / scale), max(round(CREEP * rate), 1)
+    around = np.pad(sign, n, mode="edge")
+    series = (1.0 - np.abs(sign)) * (around[: len(v)] + around[2 * n :])
+    return series * (np.mean(np.abs(series)) > PAUSES)
 
 
 def transitions(v: Vector, scale: float) -> list[Vector]:
@@ -454,7 +472,7 @@ def extremes(beta: Vector, shape: Shape, detail: float) -> tuple[float, float]:
         series.append(series[0] * np.exp(-((v / peak[0]) ** 2)))
     if detail:
         series += transitions(v, detail)
-    law = beta @ series / max(beta[0], 1e-300)
+    law = beta[: len(series)] @ series / max(beta[0], 1e-300)
     return float(law.min()), float(law.max())
 
 

@@ -137,7 +137,7 @@ def explain(
     left = unnamed(search, search.renewed(bank), kept) if len(kept) < len(accepted) else None
     search, accepted = settled(search, kept if left is None else [*kept, left])  # two may have hidden each other
     search, accepted = _unpatched(search, bank, accepted)
-    explanation = _peaked(_simplest(explained(search, search.renewed(bank), accepted)))
+    explanation = _peaked(_simplest(_renamed(explained(search, search.renewed(bank), accepted))))
     say.looked(explanation.fit)
     return explanation
 
@@ -160,6 +160,23 @@ def _unpatched(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[S
         if alone.score(fit, left).statistic > sum(worth):
             return search, accepted
     return alone, laws
+
+
+def _renamed(explanation: Explanation) -> Explanation:
+    """Let a law stand for a correction without a name that explains hardly more, if none is asked for beside it.
+
+    A series of many coefficients finds a little more in any noise.
+    """
+    accepted = [f.candidate for f in explanation.found]
+    for j, found in enumerate(explanation.found):
+        near = [c for c, d in found.rivals if c.named and d > -_nearly(found.gain)]
+        for law in () if found.candidate.named else near[:2]:
+            search, laws = settled(explanation.search, [*accepted[:j], law, *accepted[j + 1 :]], rounds=4)
+            bank, without = search.renewed(explanation.bank), search.without(search.fit(laws), j)
+            plausible = is_plausible(laws[j], search.score(without, laws[j]), without.effects)
+            if plausible and unnamed(search, bank, laws) is None:
+                return explained(search, bank, laws)
+    return explanation
 
 
 def settled(search: Search, accepted: list[Candidate], rounds: int = 2) -> tuple[Search, list[Candidate]]:
@@ -459,7 +476,12 @@ def _has_a_name(search: Search, bank: Bank, grown: list[Candidate], patched: lis
     if winner is None or not new or not _passes(search, *winner, 0.01, clear):
         return False
     own = gain(search, clear, new[0], search.score(clear, new[0]))
-    return gain(search, clear, *winner) > own - max(20.0, 0.03 * own)
+    return gain(search, clear, *winner) > own - _nearly(own)
+
+
+def _nearly(worth: float) -> float:
+    """Give the log-likelihood by which a law may explain less than a correction without a name, worth so much."""
+    return max(20.0, 0.03 * worth)
 
 
 def _meets(a: Candidate, b: Candidate) -> bool:
