@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -673,7 +674,9 @@ def changed_parameters(model: CableModel, search: Search, explanation: Explanati
         if change < 4 * std[k] or change < 0.01 * abs(nominal[k]):
             continue
         same = [
-            {"effect": e["effect"], "location": e["location"]} for e in alternatives if base.names[k] in e["parameters"]
+            {"effect": e["effect"], "location": e["location"]}
+            for e in sorted(alternatives, key=partial(_likeness, links=base.links[k], last=model.n_joints))
+            if base.names[k] in e["parameters"]
         ]
         out.append(
             {
@@ -686,6 +689,13 @@ def changed_parameters(model: CableModel, search: Search, explanation: Explanati
             }
         )
     return out
+
+
+def _likeness(effect: dict[str, Any], links: Sequence[int], last: int) -> int:
+    """Rank what a base parameter of some links may as well be: what is nothing but inertia first, at its own link."""
+    if effect["effect"] == "payload":
+        return {links[0]: 0, last: 1}.get(effect["location"]["index"], 2)
+    return 0 if effect["effect"] == "rotor_inertia" else 3
 
 
 def _payloads(search: Search) -> list[dict[str, Any]]:

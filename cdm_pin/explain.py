@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .effects import CATALOGUE, Candidate, at_known_place, extremes, twin_places
+from .effects import CATALOGUE, Candidate, at_known_place, extremes, sign_width, twin_places
 from .events import Reporter
 from .everywhere import kinds_first, needed, rubs_everywhere
 from .geometry import Vector
@@ -22,6 +22,10 @@ UNLIKELIER = "transmission_ratio_error"
 """Less likely than what is as simple and explains as much: radii of pulleys are known better than gains of torques."""
 ABOUT = 0.02
 """Share of the likelihood gained that the next best law may lose where the best is none that friction can have."""
+ALIKE = 0.95
+"""Cosine of the motors' shares beyond which two effects act along one coordinate."""
+OPEN = 4.0
+"""Speed, over that which is told from noise, up to which the law of dry friction leaves its sign open."""
 ROUNDED = 2.0
 """How many times the torque that steps of encoders bring a correction without a name has to make."""
 PREFERENCE = 2.0
@@ -173,8 +177,9 @@ def _renamed(explanation: Explanation) -> Explanation:
         for law in () if found.candidate.named else near[:2]:
             search, laws = settled(explanation.search, [*accepted[:j], law, *accepted[j + 1 :]], rounds=4)
             bank, without = search.renewed(explanation.bank), search.without(search.fit(laws), j)
-            plausible = is_plausible(laws[j], search.score(without, laws[j]), without.effects)
-            if plausible and unnamed(search, bank, laws) is None:
+            score = search.score(without, laws[j])
+            stands = is_plausible(laws[j], score, without.effects) and _stands(search, laws[j], score, without)
+            if stands and unnamed(search, bank, laws) is None:
                 return explained(search, bank, laws)
     return explanation
 
@@ -572,10 +577,12 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
     Where positions are too coarse for the accelerations in the band, that is more. Of a correction without a name that
     share counts which the fit leaves over; it has to exceed what steps of encoders can bring, and where they are too
     coarse what the sensors bring by themselves. A push has to last for as long as the band can tell from an outlier,
-    and to exceed half a step of the torque.
+    to exceed half a step of the torque, and where nothing moves to exceed what dry friction holds.
     """
     problem, push = search.problem, candidate.effect.name == "external_torque"
     if push and candidate.shape[1] - candidate.shape[0] < 1.5 / problem.band.cutoff:
+        return False
+    if push and _is_held(search, candidate, float(np.abs(beta[0])), fit):
         return False
     if not problem.torque:
         return True
@@ -596,6 +603,26 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
         if is_coarse(problem):
             least = np.maximum(least, UNSURE * problem.sensed[:m])
     return bool(np.any(visible * own[:m] > least))
+
+
+def _is_held(search: Search, push: Candidate, size: float, fit: Fit) -> bool:
+    """Whether dry friction in a fit may hold a push of some size [N m] where it acts.
+
+    It does where nothing moves, and in motion as slow as that in which the law leaves its sign open (`transitions`).
+    """
+    model, motion = search.problem.model, search.problem.motions[int(push.shape[2])]
+    inside = (motion.time >= push.shape[0]) & (motion.time <= push.shape[1])
+    own = push.place.weights(model)
+    for law, beta in zip(fit.effects, fit.beta, strict=True):
+        if not law.has_doubts or law.place.is_pair or not law.place.A + law.place.B:
+            continue
+        other = law.place.weights(model)
+        alike = abs(own @ other) > ALIKE * float(np.linalg.norm(own) * np.linalg.norm(other))
+        speed = np.abs(law.place.along(motion.v, motion.v_m))[inside]
+        rests = np.mean(speed < OPEN * sign_width(search.problem.motions, law.place)) > 0.5
+        if alike and rests and size < float(np.abs(beta[: len(law.effect.signs)]).sum()):
+            return True
+    return False
 
 
 def _error_of_laws(search: Search, candidate: Candidate, own: Vector, fit: Fit) -> float:
