@@ -49,6 +49,7 @@ from .unexplained import (
     swinging_torque,
     wandering_torque,
 )
+from .units import motor_units, unit_at
 from .unseen import deviance_unseen, stacked, updated
 from .whitening import log_likelihood
 
@@ -534,6 +535,10 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
         r for j, values in written.items() for r in _records(model, explanation.found[j].candidate, values, fit.beta[j])
     ]
     verdict = "unexplained" if unexplained else ("missing_physics" if items else "consistent")
+    units = motor_units(model, search.problem.torque)
+    if unexplained:
+        own = "N m" if search.problem.torque else "rad"
+        unexplained = unexplained | {"unit": unit_at(model, unexplained["location"], own)}
     content = {
         "schema": SCHEMA,
         "verdict": verdict,
@@ -543,12 +548,13 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
             "train": _fit_content(search, own_rigid, fit, search),
             "holdout": _fit_content(search, own_rigid, fit, judge) if judge is not None else None,
             "simulated_position": None,
-            "unit": "N m" if search.problem.torque else "rad",
+            "unit": units[0] if len(set(units)) == 1 else list(units),
         },
         "sensitivity": fi.sensitivities(search, explanation),
         "unexplained": unexplained,
         "next_experiment": None,
         "data": _data(search.problem),
+        "names": {"joint": list(model.joints), "motor": list(model.motors)},
     }
     experiment = plan_next(search, explanation, _unresolved(explanation, items))
     if experiment is not None:
@@ -608,7 +614,11 @@ def _finding(
     item = {
         "effect": candidate.effect.name,
         "location": candidate.location,
-        "parameters": {k: v for k, v in values.items() if k not in ("start", "end")},
+        "parameters": {
+            name: v | {"unit": unit_at(search.problem.model, candidate.location, v["unit"], name)}
+            for name, v in values.items()
+            if name not in ("start", "end")
+        },
         "evidence": {
             "delta_bic": delta_bic,
             "log10_p": found.log_p / np.log(10),

@@ -427,25 +427,23 @@ def _sign(motion: Motion, place: Place, shape: Shape) -> Vector:
 
 
 def _transition(motion: Motion, place: Place, shape: Shape, scale: float) -> list[Vector]:
-    v = _speed(motion, place)
-    return [*transitions(v, scale), creeping(v, scale, motion.rate)]
+    return transitions(_speed(motion, place), scale)
 
 
 CREEP = 0.02
 """Time [s] for which a position may creep within a step of its encoder before and after a standstill."""
-PAUSES = 0.003
-"""Share of the time around standstills below which there are none."""
+PAUSES = 0.01
+"""Share of the time just before and after standstills from which on these count."""
 
 
 def creeping(v: Vector, scale: float, rate: float) -> Vector:
-    """Give the sign of velocity that comes before a standstill or after it, for a short time; zero without any.
+    """Give the sign of velocity that comes before a standstill or after it, for a short time.
 
     Friction is there while positions creep within a step of their encoder, which shows them at rest.
     """
     sign, n = np.tanh(v / scale), max(round(CREEP * rate), 1)
     around = np.pad(sign, n, mode="edge")
-    series = (1.0 - np.abs(sign)) * (around[: len(v)] + around[2 * n :])
-    return series * (np.mean(np.abs(series)) > PAUSES)
+    return (1.0 - np.abs(sign)) * (around[: len(v)] + around[2 * n :])
 
 
 def transitions(v: Vector, scale: float) -> list[Vector]:
@@ -1652,12 +1650,15 @@ class Candidate:
     shape : tuple of float
     detail : float
         Where it is not zero, a few free columns more, on this scale, say what the law leaves open (`Effect.detail`).
+    creeps : bool
+        Whether friction before and after standstills, which encoders do not show, is among that.
     """
 
     effect: Effect
     place: Place
     shape: Shape = ()
     detail: float = 0.0
+    creeps: bool = False
 
     @cached_property
     def key(self) -> tuple[str, str]:
@@ -1667,7 +1668,7 @@ class Candidate:
     @cached_property
     def identity(self) -> tuple[Any, ...]:
         """Effect, place and shape, and whether its columns change with the model's torques."""
-        return self.key, self.shape, self.detail, self.hangs_on_torques
+        return self.key, self.shape, self.detail, self.creeps, self.hangs_on_torques
 
     def admissible(self, beta: Vector) -> Vector:
         """Give the coefficients with which a soft cable can be integrated; others as they are."""
@@ -1723,7 +1724,10 @@ class Candidate:
         if not self.detail or columns.along is None or self.effect.detail is None:
             return columns
         series, w = columns.along
-        return Columns(along=(np.vstack([series, *self.effect.detail(motion, *self._here, self.detail)]), w))
+        own = self.effect.detail(motion, *self._here, self.detail)
+        if self.creeps:
+            own = [*own, creeping(_speed(motion, self._here[0]), self.detail, motion.rate)]
+        return Columns(along=(np.vstack([series, *own]), w))
 
     def bounds(self, motions: Sequence[Motion]) -> list[tuple[float, float]]:
         """Give (lower, upper) of those elements of the shape that are estimated."""
@@ -1733,7 +1737,15 @@ class Candidate:
         """Free what the law leaves open, where it leaves anything open."""
         if self.effect.detail is None or self.detail or not self.named:
             return self
-        return replace(self, detail=sign_width(motions, self.place) if self.effect.nuisance_shape else 1.0)
+        if not self.effect.nuisance_shape:
+            return replace(self, detail=1.0)
+        width = sign_width(motions, self.place)
+        return replace(self, detail=width, creeps=self.effect.detail is _transition and self._rests(motions, width))
+
+    def _rests(self, motions: Sequence[Motion], width: float) -> bool:
+        """Whether its coordinate stands still now and then."""
+        parts = [np.abs(creeping(_speed(m, self._here[0]), width, m.rate)) for m in motions]
+        return bool(np.mean(np.concatenate(parts)) > PAUSES)
 
     @property
     def has_doubts(self) -> bool:

@@ -430,7 +430,7 @@ def _sided(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Searc
             best = best or judged(accepted)
             laws = [replace(candidate, place=twin)]
             if candidate.effect.nuisance_shape and candidate.effect is not plain:
-                laws.append(Candidate(plain, twin, candidate.shape[:1], candidate.detail))
+                laws.append(Candidate(plain, twin, candidate.shape[:1], candidate.detail, candidate.creeps))
             for law in laws:
                 other = judged([*accepted[:j], law, *accepted[j + 1 :]])
                 if other[0] < best[0] - 10.0:

@@ -16,6 +16,7 @@ from .geometry import Vector
 from .model import CableModel
 from .motion import Motion
 from .selection import Fit, Search
+from .units import unit_at
 from .whitening import log_p
 
 Location = dict[str, Any]
@@ -314,13 +315,13 @@ def sensitivities(search: Search, explanation: Explanation) -> list[dict[str, An
         k = max(score.k, 1)
         z = np.sqrt(threshold(search.settings.alarm, weight, k)) + 1.2816
         beta = z / score.norm if score.norm > 0 else np.inf
-        visible = score.visible if np.isfinite(score.visible) else 0.0
+        visible, first = score.visible if np.isfinite(score.visible) else 0.0, candidate.effect.parameters[0]
         row = {
             "effect": candidate.effect.name,
             "location": candidate.location,
             "amplitude": _amplitude(candidate, beta) if visible > search.settings.visible else None,
-            "parameter": candidate.effect.parameters[0].name,
-            "unit": candidate.effect.parameters[0].unit,
+            "parameter": first.name,
+            "unit": unit_at(search.problem.model, candidate.location, first.unit, first.name),
             "visible_fraction": round(float(visible), 4),
             "absorbed_by": [],
         }

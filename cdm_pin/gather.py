@@ -10,6 +10,7 @@ from .explain import Explanation, Found
 from .replay import Replay
 from .report_evidence import Evidence, LawCurve, Rival, RunEvidence, SimulatedMotion
 from .selection import Fit, Search, errors
+from .units import motor_units, unit_at
 
 
 def gather(diagnosis: Diagnosis) -> Evidence:
@@ -71,7 +72,7 @@ def _runs(search: Search, rigid: Fit, fit: Fit, holdout: bool) -> list[RunEviden
                 v=run.motion.v[::step][:n],
                 valid=valid,
                 holdout=holdout,
-                unit="N m" if problem.torque else "rad",
+                units=motor_units(problem.model, problem.torque),
             )
         )
     return out
@@ -93,7 +94,8 @@ def _law(search: Search, explanation: Explanation, found: Found) -> LawCurve | N
     by_position = any(word in candidate.effect.name for word in ("spring", "position", "ripple", "hysteresis"))
     motion = run.motion
     x = candidate.place.along(motion.q, motion.q_m) if by_position else candidate.place.along(motion.v, motion.v_m)
-    label = "position [rad]" if by_position else "speed [rad/s]"
+    place, label = candidate.location, "position" if by_position else "speed"
+    label += f" [{unit_at(search.problem.model, place, 'rad' if by_position else 'rad/s')}]"
     if candidate.remembers_tension:
         x, label = remembered(motion, candidate.place), "torque of the cable [N m]"
     start, stop = search.problem.segments[0][0]
@@ -103,6 +105,7 @@ def _law(search: Search, explanation: Explanation, found: Found) -> LawCurve | N
         x_label=label,
         y_points=(share @ rest)[keep],
         y_fit=(share @ law)[keep],
+        y_label=f"torque [{unit_at(search.problem.model, place, 'N m')}]",
         loop=candidate.effect.name == "hysteresis",
     )
 

@@ -20,6 +20,7 @@ from .identify import Identification
 from .manipulator import save_manipulator
 from .model import CableModel
 from .survey import Visit
+from .units import unit_at
 from .urdf import generate_urdf
 
 SCHEMA = "cdm_pin.identification/1"
@@ -165,7 +166,8 @@ def effect_records(result: Identification, *, values: Vector | None = None) -> l
         elif result.reliable[fitted].all():
             found = physical(result.fit.values[fitted])
             std = _deviations(physical, result.fit.values[fitted], result.covariance[np.ix_(fitted, fitted)])
-            units = {parameter.name: parameter.unit for parameter in effect.parameters}
+            where = term.place.location
+            units = {p.name: unit_at(result.plan.model, where, p.unit, p.name) for p in effect.parameters}
             parameters = {n: {"value": v, "std": std.get(n), "unit": units[n]} for n, v in found.items()}
         else:
             continue

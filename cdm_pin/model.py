@@ -128,6 +128,11 @@ class CableModel:
         return pulleys.motor_pulley_radius / pulleys.joint_pulley_radius
 
     @cached_property
+    def linear_motors(self) -> np.ndarray:
+        """Which motors move only joints that slide, shape (n_motors,) of bool."""
+        return np.all(np.abs(self.joint_from_motor[~self.chain.prismatic]) < 1e-12, axis=0)
+
+    @cached_property
     def planar(self) -> bool:
         """Whether the robot is an arm of cables over pulleys whose joint axes are all parallel to the base's z."""
         if not self.manipulator.links:

@@ -103,7 +103,7 @@ def observe(plan: Plan, recording: Recording) -> Observation:
     sigma, sigma_m = _position_noise(plan.model, signals)
     motion = _motion(plan.model, signals, band.cutoff, q, q_m)
     still = (np.std(motion.q, axis=0) < STILL * sigma + 1e-9) | _rests(motion.q, plan.model.chain.prismatic)
-    still_m = (np.std(motion.q_m, axis=0) < STILL * sigma_m + 1e-9) | _rests(motion.q_m, linear_motors(plan.model))
+    still_m = (np.std(motion.q_m, axis=0) < STILL * sigma_m + 1e-9) | _rests(motion.q_m, plan.model.linear_motors)
     valid = whole(signals.valid, 5 + int(4 * signals.rate / light_cutoff(signals, band.cutoff)))
     left_out = {"in gaps and at the ends": int((~valid).sum())} if not valid.all() else {}
     torque = measured_torques(plan.model, signals.logged)
@@ -180,11 +180,6 @@ def _widened(plan: Plan, observation: Observation) -> tuple[tuple[float, ...], .
     for k, width, factor in zip(where, narrow, factors, strict=True):
         shapes[k] = (float(factor * width),)
     return tuple(shapes)
-
-
-def linear_motors(model: CableModel) -> np.ndarray:
-    """Tell which motors move only joints that slide, shape (n_motors,) of bool."""
-    return np.all(np.abs(model.joint_from_motor[~model.chain.prismatic]) < 1e-12, axis=0)
 
 
 def _rests(x: Vector, linear: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ from .report_evidence import Evidence, LawCurve, Rival, RunEvidence, SimulatedMo
 from .report_page import PAGE, cards, figure, key, paragraph, table
 from .report_robot import robot_picture
 from .svg import BLACK, BLUE, VERMILLION
+from .units import either
 from .wording import (
     candidate,
     changed_masses,
@@ -98,8 +99,8 @@ def _where(diagnosis: Mapping[str, Any], evidence: Evidence, model: CableModel) 
     places = [entry.get("location") or {} for entry in marked]
     caption = "; ".join(f"{k}: {_named(entry)}" for k, entry in enumerate(marked, 1)) or "no place stands out"
     html = figure(robot_picture(model, places), f"Circles: joints; squares: motors. {caption}")
-    unit = evidence.runs[0].unit if evidence.runs else "N m"
-    rows = figures.rows(model.joint_from_motor, evidence.noise_floor, unit)
+    units = evidence.runs[0].units if evidence.runs else ("N m",)
+    rows = figures.rows(model.joint_from_motor, evidence.noise_floor, units)
     if evidence.runs:
         words = "Size of the error over time, before and after. A fault at a joint lights that joint alone among the "
         html += "<h3>When</h3>" + paragraph(
@@ -207,7 +208,7 @@ def _changes(changed: Sequence[Mapping[str, Any]]) -> str:
 
 def _how_much_better(diagnosis: Mapping[str, Any], evidence: Evidence) -> str:
     fit = diagnosis.get("fit") or {}
-    unit = fit["unit"] if isinstance(fit.get("unit"), str) else evidence.runs[0].unit if evidence.runs else "N m"
+    unit = either(np.atleast_1d(fit.get("unit") or (evidence.runs[0].units if evidence.runs else "N m")))
     html = ""
     for part, title in (("holdout", "On unseen recordings"), ("train", "On the recordings fitted to")):
         rows = _fit_rows(fit.get(part) or {}, "motor")

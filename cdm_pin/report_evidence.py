@@ -27,8 +27,8 @@ class RunEvidence:
         Samples that were judged; all by default.
     holdout : bool
         Whether the models were judged on this recording rather than fitted to it.
-    unit : str
-        Of `measured`, `rigid` and `augmented`.
+    units : tuple of str
+        Of `measured`, `rigid` and `augmented`, per motor; one if it is the same for all.
     """
 
     label: str
@@ -40,7 +40,11 @@ class RunEvidence:
     v: np.ndarray | None = None
     valid: np.ndarray | None = None
     holdout: bool = False
-    unit: str = "N m"
+    units: tuple[str, ...] = ("N m",)
+
+    def unit(self, motor: int) -> str:
+        """Give the unit of one motor."""
+        return self.units[motor % len(self.units)]
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from scipy.signal import welch
 from . import svg
 from .report_evidence import LawCurve, RunEvidence, SimulatedMotion
 from .svg import BLACK, BLUE, GREY, VERMILLION, Chart
+from .units import either
 
 TIME_BINS, STATE_BINS = 120, 12
 
@@ -40,7 +41,7 @@ class Rows:
     label: str
 
 
-def rows(joint_from_motor: np.ndarray, floor: np.ndarray | None, unit: str) -> Rows:
+def rows(joint_from_motor: np.ndarray, floor: np.ndarray | None, units: Sequence[str]) -> Rows:
     """Choose the rows: the motors, and the joints too unless every motor turns one joint.
 
     Torques go over by tau = pinv(E') tau_m, positions by q = E q_m.
@@ -48,12 +49,12 @@ def rows(joint_from_motor: np.ndarray, floor: np.ndarray | None, unit: str) -> R
     E = joint_from_motor
     n_joints, n_motors = E.shape
     names = tuple(f"joint {i + 1}" for i in range(n_joints))
-    maps = E if unit == "rad" else np.linalg.pinv(E.T)
+    maps = E if units[0] in ("rad", "m") else np.linalg.pinv(E.T)
     if n_joints != n_motors or np.abs(E - np.diag(np.diag(E))).max() > 1e-9:
         names += tuple(f"motor {i + 1}" for i in range(n_motors))
         maps = np.vstack([maps, np.eye(n_motors)])
     if floor is None or not np.all(np.asarray(floor) > 0):
-        return Rows(names, maps, f"rms error [{unit}]")
+        return Rows(names, maps, f"rms error [{either(units)}]")
     return Rows(names, maps / np.linalg.norm(maps * floor, axis=1)[:, None], "rms error / noise floor")
 
 
@@ -132,7 +133,7 @@ def worst_stretch(run: RunEvidence, motor: int, floor: float | None, seconds: fl
     start = _largest_window(run.time, np.nan_to_num(rigid), seconds)
     part = (run.time >= start) & (run.time <= start + seconds)
     t = run.time[part]
-    unit = f"motor {motor + 1} [{run.unit}]"
+    unit = f"motor {motor + 1} [{run.unit(motor)}]"
     torque = Chart((t[0], t[-1]), svg.limits(run.measured[part, motor], run.rigid[part, motor]), "time [s]", unit)
     torque.line(t, run.measured[part, motor], BLACK, width=1.2)
     torque.line(t, run.rigid[part, motor], VERMILLION, dash="6 3")
@@ -161,7 +162,7 @@ def spectrum(run: RunEvidence, motor: int, floor: float | None) -> str:
     low = max(min(float(rigid.min()), float(augmented.min())), float(rigid.max()) * 1e-5, 1e-12)
     chart = Chart(
         (f[0], f[-1]), (low, float(max(rigid.max(), augmented.max())) * 1.5 + 1e-12),
-        "frequency [Hz]", f"error of motor {motor + 1} [{run.unit}/√Hz]", log=True,
+        "frequency [Hz]", f"error of motor {motor + 1} [{run.unit(motor)}/√Hz]", log=True,
     )  # fmt: skip
     if floor:
         level = floor / np.sqrt(rate / 2)

@@ -75,6 +75,7 @@ _CLAUSES = {
     "external_torque": "something pushed on {place} with {torque}",
 }
 
+_MOST = 4  # findings whose sizes a sentence says, and doubts; what is more is counted
 _COUNTS = ("No", "One thing is", "Two things are", "Three things are", "Four things are", "Five things are")
 
 
@@ -93,17 +94,19 @@ def sentence(diagnosis: Content) -> str:
         to record next; one sentence that ends with a full stop.
     """
     build = _VERDICTS.get(str(diagnosis.get("verdict")), _insufficient)
-    text = "; ".join(part for part in build(diagnosis) if part)
+    text = "; ".join(part for part in build(_with_names(diagnosis)) if part)
     return text[:1].upper() + text[1:] + "."
 
 
 def _missing(diagnosis: Content) -> list[str]:
     findings = diagnosis.get("findings") or []
-    clauses = [clause(finding) for finding in findings]
-    if len(clauses) > 1:
-        count = _COUNTS[len(clauses)] if len(clauses) < len(_COUNTS) else f"{len(clauses)} things are"
+    clauses = _clauses(findings)
+    if len(findings) > 1:
+        count = _COUNTS[len(findings)] if len(findings) < len(_COUNTS) else f"{len(findings)} things are"
         clauses[0] = f"{count} missing: {clauses[0]}"
-    doubts = [doubt(finding, "this" if len(findings) == 1 else "") for finding in findings]
+    doubts = [text for finding in findings if (text := doubt(finding, "this" if len(findings) == 1 else ""))]
+    if len(doubts) > _MOST:
+        doubts = [f"{len(doubts)} of them these data cannot tell from others, listed with each"]
     rest = "" if any(doubts) else "nothing else is missing above the sensitivities listed"
     return [*clauses, improvement(diagnosis), *doubts, _to_find_out(diagnosis) if any(doubts) else rest]
 
@@ -121,7 +124,7 @@ def _consistent(diagnosis: Content) -> list[str]:
 def _unexplained(diagnosis: Content) -> list[str]:
     rest = diagnosis.get("unexplained") or {}
     where = place(rest.get("location") or {"kind": "system"})
-    unit = (diagnosis.get("fit") or {}).get("unit", "N m")
+    unit = rest.get("unit") or _unit(diagnosis, 0)
     size = f", {number(rest['rms'])} {unit} rms" if rest.get("rms") else ""
     region = str(rest.get("region") or "")
     said = region.split(" ", 1)[0] in ("", "around", "at", "between", "in", "near", "while", "above", "below")
@@ -131,7 +134,7 @@ def _unexplained(diagnosis: Content) -> list[str]:
         parts.append(f"nearest to it, but not it: {_either([candidate(near) for near in rest['nearest']])}")
     findings = diagnosis.get("findings") or []
     if findings:
-        parts.append("sure beside it: " + ", and ".join(clause(finding) for finding in findings))
+        parts += ["sure beside it: " + ", and ".join(_clauses(findings)), improvement(diagnosis)]
     return [*parts, _to_find_out(diagnosis)]
 
 
@@ -152,6 +155,30 @@ _VERDICTS: dict[str, Callable[[Content], list[str]]] = {
     "unexplained": _unexplained,
     "insufficient_data": _insufficient,
 }
+
+
+def _clauses(findings: Sequence[Content]) -> list[str]:
+    """Say the strongest findings, confirmed ones first, and how many there are beside them."""
+    first = sorted(findings, key=unconfirmed) if len(findings) > _MOST else findings
+    more = len(findings) - _MOST
+    counted = [f"{more} more of less weight, listed below"] if more > 0 else []
+    return [clause(finding) for finding in first[:_MOST]] + counted
+
+
+def _with_names(diagnosis: Content) -> Content:
+    """Give the places of findings the names that the robot's file has for them."""
+    names, out = diagnosis.get("names") or {}, dict(diagnosis)
+
+    def named(entry: Content) -> Content:
+        location = dict(entry.get("location") or {})
+        known = names.get(str(location.get("kind"))) or []
+        index = location.get("index")
+        return {**entry, "location": location | {"name": known[index - 1] if index and index <= len(known) else None}}
+
+    out["findings"] = [named(finding) for finding in diagnosis.get("findings") or []]
+    if diagnosis.get("unexplained"):
+        out["unexplained"] = named(diagnosis["unexplained"])
+    return out
 
 
 def clause(finding: Content) -> str:
@@ -181,6 +208,9 @@ def _fill_part(part: str, where: str, parameters: Content) -> str | None:
         text = text.replace(f"{{{name}}}", quantity(parameter))
         text = text.replace(f"{{{name}:%}}", quantity(parameter, 100.0, "%"))
         text = text.replace(f"{{{name}:ms}}", quantity(parameter, 1000.0, "ms"))
+        if isinstance(parameter, Mapping) and parameter.get("unit") == "1/m":
+            per_metre = quantity(parameter, 0.5 / math.pi, "1")
+            text = text.replace(f"{{{name}:#}} times a turn", f"{per_metre} times a metre")
         text = text.replace(f"{{{name}:#}}", quantity(parameter, 1.0, "1"))
     return None if "{" in text else text
 
@@ -270,6 +300,8 @@ def place(location: Content) -> str:
     if kind in (None, "system"):
         return "the whole robot"
     text = f"{kind} {location.get('index', '?')}"
+    name = str(location.get("name") or "").replace("_", " ")
+    text += f" ({name})" if name not in ("", text) else ""
     for other in ("link", "joint"):
         if other in location:
             text += f" at {other} {location[other]}"

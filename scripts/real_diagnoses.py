@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 from real_identify import halves
 from real_robots import data_folder
@@ -25,6 +26,7 @@ from cdm_pin.errors import CdmError
 from cdm_pin.files import write_text
 from cdm_pin.model import CableModel, load_model
 from cdm_pin.recording import Recording, load_recording
+from cdm_pin.units import either
 from cdm_pin.wording import candidate, quantity, sentence
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -150,7 +152,7 @@ def chapter(case: Case) -> str:
 
 def _errors(content: dict[str, Any]) -> list[str]:
     where = "holdout" if content["fit"]["holdout"] else "train"
-    fit, unit = content["fit"][where], content["fit"]["unit"]
+    fit, unit = content["fit"][where], either(np.atleast_1d(content["fit"]["unit"]))
     rows = [("rigid body", "rmse_rigid"), ("completed", "rmse_augmented"), ("noise floor", "noise_floor")]
     width = len(fit["rmse_rigid"])
     head = f"| {'unseen' if where == 'holdout' else 'training'} [{unit}] | " + " | ".join(
