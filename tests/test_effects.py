@@ -8,7 +8,7 @@ from arms import planar_content
 
 from cdm_pin.base import base_parameters
 from cdm_pin.completed import added_torque, effect_candidates, find_place
-from cdm_pin.effects import CATALOGUE, Candidate, dahl, delayed, loaded, maxwell
+from cdm_pin.effects import CATALOGUE, Candidate, creeping, dahl, delayed, loaded, maxwell
 from cdm_pin.errors import ManipulatorError
 from cdm_pin.manipulator import parse_manipulator, with_effects
 from cdm_pin.model import build_model, load_model
@@ -263,6 +263,34 @@ def test_delay_keeps_wrong_ends_at_the_ends():
     x[0] += 100.0
     late = np.sin(2 * np.pi * 0.7 * (t - 0.0073))[:, None]
     np.testing.assert_allclose(delayed(x, 100.0, 0.0073)[10:-10], late[10:-10], atol=1e-12)
+
+
+def test_friction_of_what_creeps_comes_before_and_after_standstills(arm):
+    """Its sign is that of the motion beside the standstill; a reversal without one has none."""
+    t = np.arange(4000) / 200.0
+    halts = np.where(np.abs(np.sin(0.5 * t)) > 0.5, np.sign(np.sin(0.5 * t)), 0.0)
+    series = creeping(halts, 0.01, 200.0)
+    edges = np.flatnonzero(np.diff(halts))
+    assert np.all(series[halts != 0.0] == pytest.approx(0.0, abs=1e-12))
+    for k in edges:  # the sample before or after the edge that is at rest
+        rest, moves = (k, k + 1) if halts[k] == 0.0 else (k + 1, k)
+        assert series[rest] == pytest.approx(halts[moves])
+    assert np.mean(np.abs(series)) == pytest.approx(4 * len(edges) / len(t), rel=0.1)
+    assert np.abs(creeping(np.sin(0.5 * t), 0.01, 200.0)[10:]).max() < 0.3
+
+
+def test_only_where_there_are_pauses_does_anything_creep(arm):
+    """Dry friction leaves one column more open on a motion that halts than on one that does not."""
+    motion, effect = make_motion(arm), CATALOGUE["coulomb_friction"]
+    place = effect.places(arm)[0]
+    still = (motion.time % 2.0 < 1.0)[:, None]
+    halting = replace(motion, v=motion.v * still, v_m=motion.v_m * still)
+    bare = Candidate(effect, place, (0.01,))
+    for m, columns in ((motion, 3), (halting, 4)):
+        law = bare.detailed([m])
+        assert law.creeps == (columns == 4)
+        assert law.columns(m).along[0].shape[0] == columns
+    assert bare.detailed([halting]).identity != replace(bare.detailed([halting]), creeps=False).identity
 
 
 def test_places_by_name_and_alias():

@@ -11,6 +11,7 @@ from cdm_pin import diagnose as diagnosis
 from cdm_pin import explain
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.diagnose import diagnose
+from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.effects import CATALOGUE, Candidate, at_known_place, guide_places, joint_places, pair_places
 from cdm_pin.explain import is_plausible
 from cdm_pin.findings import with_law_errors
@@ -33,6 +34,7 @@ def test_bursts_count_where_the_effect_acts():
     short = steady * (np.arange(n) < n // 10)
     assert 30 < bursts(short, noise * np.where(np.arange(n) < n // 10, 10.0, 1.0)) < 200
     assert bursts(short, noise * np.where(np.arange(n) < n // 10, 1.0, 10.0)) < 1.2
+    assert bursts(steady, 0.5 * noise) == 0.0
     alike = np.repeat(rng.normal(size=n // 24), 24)
     assert bursts(np.ones(n), alike) > 10
 
@@ -128,6 +130,58 @@ def test_a_weak_push_does_not_pass_for_slow_noise(tmp_path):
     assert search.likelihood_ratio([], other)[1] < 15.0
     (finding,) = diagnose(model, runs, unseen).content["findings"]
     assert (finding["effect"], finding["location"]["index"]) == ("external_torque", 2)
+
+
+def test_viscous_friction_of_a_slow_motion_does_not_pass_for_slow_noise():
+    """A whole recording as slow as noise may be: the model with the friction is fitted in noise that is not slow."""
+    model = load_model("urdf/planar3.yaml")
+    rng, n, rate = np.random.default_rng(3), 3000, 25.0
+    t = np.arange(n) / rate
+    waves = 2 * np.pi * np.array([0.011, 0.023, 0.037])
+    phase, size = rng.uniform(0, 6, (3, 3)), rng.uniform(0.2, 0.5, (3, 3))
+    q, v, a = (
+        np.einsum("jk,tjk->tj", size * waves**k, np.sin(waves * t[:, None, None] + phase + k * np.pi / 2))
+        for k in range(3)
+    )
+    friction = np.array([0.0, 30.0, 0.0]) * v
+    torque = model.motor_torque(inverse_dynamics(model, q, v, a) + friction)
+    channels = {"joint_position": q, "motor_torque": torque + 0.05 * rng.standard_normal(torque.shape)}
+    search = Search(
+        make_problem(model, [Recording(t, channels)]),
+        base_parameters(model, columns=massive_columns(model)),
+        Settings(),
+    )
+    law = Candidate(CATALOGUE["viscous_friction"], joint_places(model)[1])
+    whitener, ratio = search.likelihood_ratio([], law)
+    assert ratio > 100.0
+    assert search.score(search.fit([], whitener), law).beta[0] == pytest.approx(30.0, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("speed", "size", "place", "held"),
+    [(0.0, 0.5, 0, True), (0.0, 1.5, 0, False), (1.0, 0.5, 0, False), (0.0, 0.5, 1, False)],
+)
+def test_friction_may_hold_a_push_at_standstill(speed, size, place, held):
+    """A push that dry friction of its own joint could bring where it rests is none; a larger one, or in motion, is."""
+    model = load_model("urdf/planar3.yaml")
+    time = np.linspace(0.0, 10.0, 1000)
+    v = np.where((time > 4) & (time < 6), speed, 1.0)[:, None] * np.ones(3)
+    motion = SimpleNamespace(model=model, time=time, v=v, v_m=v, velocity_noise=np.full(3, 1e-4))
+    search = SimpleNamespace(problem=SimpleNamespace(model=model, motions=[motion]))
+    places = joint_places(model)
+    fit = SimpleNamespace(
+        effects=[Candidate(CATALOGUE["coulomb_friction"], places[place], (0.01,))], beta=[np.array([1.0])]
+    )
+    push = Candidate(CATALOGUE["external_torque"], places[0], (4.2, 5.8, 0.0))
+    assert explain._is_held(search, push, size, fit) is held
+
+
+def test_what_a_base_parameter_may_as_well_be_starts_at_its_own_link():
+    """A rotor, a payload on its own link, one at the end, and only then what wrong sensors would do."""
+    names = [("torque_gain_error", 1), ("payload", 4), ("payload", 2), ("payload", 3), ("rotor_inertia", 2)]
+    effects = [{"effect": name, "location": {"index": i}} for name, i in names]
+    ranked = sorted(effects, key=lambda e: diagnosis._likeness(e, links=(2, 3, 4), last=4))
+    assert [(e["effect"], e["location"]["index"]) for e in ranked] == [names[k] for k in (2, 4, 1, 3, 0)]
 
 
 def test_unseen_recordings_do_not_speak_against_what_they_cannot_show(tmp_path):

@@ -81,6 +81,37 @@ def test_unexplained_says_where_and_names_no_known_effect(found):
     assert "happens on joint 1: a torque that depends on the speed of joint 1, 0.1 N m rms" in sentence(found)
 
 
+def test_of_many_findings_the_strongest_are_said(found):
+    """Four findings and four doubts at most, those without an unseen run last; the others are counted."""
+    first = found["findings"][0] | {"indistinguishable_from": [{"effect": "torque_offset", "location": MOTOR1}]}
+    found["findings"] = [first | {"location": {"kind": "joint", "index": i + 1}} for i in range(7)]
+    found["findings"][0] |= {"unconfirmed": True}
+    text = sentence(found)
+    assert text.startswith("7 things are missing: joint 2 loses")
+    assert text.count(" loses ") == 4 and "joint 5 loses" in text and "joint 1 loses" not in text
+    assert "3 more of less weight, listed below; with them, torque error" in text
+    assert "7 of them these data cannot tell from others, listed with each" in text
+    found.update(verdict="unexplained", unexplained={"location": JOINT1, "region": "", "rms": 0.1, "unit": "N"})
+    text = sentence(found)
+    assert "0.1 N rms; sure beside it: joint 2 loses" in text and "; with them, torque error" in text
+
+
+def test_places_have_the_names_of_the_file(found):
+    """A name that says more than the number stands behind it."""
+    found["names"] = {"joint": ["joint_1", "wrist_pitch"], "motor": []}
+    assert sentence(found).startswith("Joint 2 (wrist pitch) loses")
+    found["names"]["joint"][1] = "joint_2"
+    assert sentence(found).startswith("Joint 2 loses")
+
+
+def test_a_ripple_along_a_slide_counts_by_the_metre():
+    """Cycles are turns of the phase per radian, or per metre."""
+    cycles = {"value": 62.831853, "std": 0.1, "unit": "1/m"}
+    parameters = {"amplitude": {"value": 0.2, "std": 0.01, "unit": "N"}, "cycles": cycles}
+    ripple = {"effect": "torque_ripple", "location": MOTOR1, "parameters": parameters}
+    assert clause(ripple) == "motor 1 ripples by 0.200 ± 0.010 N, 10.000 ± 0.016 times a metre"
+
+
 def test_insufficient_data_asks_for_a_recording(found):
     """A class that cannot be resolved is named with the trajectory that would resolve it."""
     tilt = {"effect": "base_tilt", "location": {"kind": "base"}, "parameters": {}}
