@@ -145,7 +145,7 @@ def test_viscous_friction_of_a_slow_motion_does_not_pass_for_slow_noise():
     )
     friction = np.array([0.0, 30.0, 0.0]) * v
     torque = model.motor_torque(inverse_dynamics(model, q, v, a) + friction)
-    channels = {"joint_position": q, "motor_torque": torque + 0.05 * rng.standard_normal(torque.shape)}
+    channels = {"joint_position": q, "motor_torque": torque + 0.005 * rng.standard_normal(torque.shape)}
     search = Search(
         make_problem(model, [Recording(t, channels)]),
         base_parameters(model, columns=massive_columns(model)),
