@@ -1667,7 +1667,7 @@ class Candidate:
 
     @cached_property
     def identity(self) -> tuple[Any, ...]:
-        """Effect, place and shape, and whether its columns change with the model's torques."""
+        """Effect, place, shape, what is left open; last, whether its columns change with the model's torques."""
         return self.key, self.shape, self.detail, self.creeps, self.hangs_on_torques
 
     def admissible(self, beta: Vector) -> Vector:

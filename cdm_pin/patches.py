@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numba
 import numpy as np
 
 from .effects import (
@@ -26,13 +27,27 @@ from .model import CableModel
 from .motion import Motion
 
 
-def bumps(x: Vector, count: int, low: float, high: float) -> list[Vector]:
-    """Evaluate cubic bumps on a grid over [low, high] that sum to nearly a constant; x is held at the ends."""
-    centres = np.linspace(low, high, count)
+def bumps(x: Vector, count: int, low: float, high: float) -> Vector:
+    """Evaluate cubic bumps on a grid over [low, high] that sum to nearly a constant; x is held at the ends.
+
+    Returns
+    -------
+    ndarray, shape (count, n)
+    """
     width = (high - low) / max(count - 1, 1)
-    u = (np.clip(x, low, high)[:, None] - centres) / width
-    b = np.where(np.abs(u) < 1, 2 / 3 - u**2 + 0.5 * np.abs(u) ** 3, np.clip(2 - np.abs(u), 0, None) ** 3 / 6)
-    return list(b.T)
+    return _bumps((np.clip(x, low, high) - low) / width, count)
+
+
+@numba.njit(cache=True, nogil=True)
+def _bumps(x, count):
+    """Fill the four bumps that reach each sample of `x`, counted in steps of the grid."""
+    out = np.zeros((count, len(x)))
+    for i in range(len(x)):
+        first = int(x[i]) - 1
+        for k in range(max(first, 0), min(first + 4, count)):
+            u = abs(x[i] - k)
+            out[k, i] = 2 / 3 - u**2 + 0.5 * u**3 if u < 1 else (2 - u) ** 3 / 6
+    return out
 
 
 Variable = Callable[[Motion, Place, float], Vector]
@@ -88,7 +103,7 @@ def _function(variable: Variable, count: int, times: Callable[[Motion, Place, Sh
     def columns(motion: Motion, place: Place, shape: Shape) -> Columns:
         parts = bumps(variable(motion, place, shape[1]), count, *shape[2:])
         factor = times(motion, place, shape) if times else 1.0
-        return Columns(along=(np.stack([factor * part for part in parts]), place.weights(motion.model)))
+        return Columns(along=(factor * parts, place.weights(motion.model)))
 
     return columns
 

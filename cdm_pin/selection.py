@@ -292,7 +292,7 @@ class Search:
             nominal - np.tensordot(change, rigid[: len(change)], 1)
             for nominal, rigid in zip(self.nominal, self.rigid, strict=True)
         ]
-        search._cache = {key: value for key, value in self._cache.items() if not key[3]}
+        search._cache = {key: value for key, value in self._cache.items() if not key[-1]}
         return search
 
     @property
