@@ -191,6 +191,26 @@ def test_accelerations_of_slow_motions_are_slow():
     assert np.max(np.abs(problem.motions[0].a)) < 1.0
 
 
+def test_columns_that_hang_on_torques_are_taken_about_what_was_found():
+    """About other masses those of a gain are the other masses' torque; those of friction stay what they were."""
+    model = load_model("urdf/planar3.yaml")
+    t = np.arange(800) / 50.0
+    q = 0.4 * np.sin(np.outer(t, [1.0, 1.6, 2.3]))
+    v, a = (np.gradient(q, t, axis=0), np.gradient(np.gradient(q, t, axis=0), t, axis=0))
+    torque = model.motor_torque(inverse_dynamics(model, q, v, a))
+    noise = 0.01 * np.random.default_rng(0).standard_normal(torque.shape)
+    heavier = Recording(t, {"joint_position": q, "motor_torque": 1.3 * torque + noise})
+    search = Search(make_problem(model, [heavier]), base_parameters(model, columns=massive_columns(model)), Settings())
+    gain, friction = (
+        Candidate(CATALOGUE[name], CATALOGUE[name].places(model)[0]).detailed(search.problem.motions)
+        for name in ("torque_gain_error", "viscous_friction")
+    )
+    before = [search.columns(c)[0] for c in (gain, friction)]
+    about = search.about(search.fit([]))
+    np.testing.assert_allclose(about.columns(gain)[0], 1.3 * before[0], atol=0.03 * np.abs(before[0]).max())
+    assert about.columns(friction)[0] is before[1]
+
+
 def test_rounding_names_nothing():
     """Encoders that round down and a joint at rest make no finding, no huge inertia; an offset of many steps shows."""
     model = load_model("urdf/planar3.yaml")
