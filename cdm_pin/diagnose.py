@@ -536,7 +536,7 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
     ]
     verdict = "unexplained" if unexplained else ("missing_physics" if items else "consistent")
     units = motor_units(model, search.problem.torque)
-    if unexplained:
+    if unexplained and not (search.problem.torque and search.problem.kinematic):  # of torques and travel at once: none
         own = "N m" if search.problem.torque else "rad"
         unexplained = unexplained | {"unit": unit_at(model, unexplained["location"], own)}
     content = {

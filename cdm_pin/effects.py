@@ -432,6 +432,8 @@ def _transition(motion: Motion, place: Place, shape: Shape, scale: float) -> lis
 
 CREEP = 0.02
 """Time [s] for which a position may creep within a step of its encoder before and after a standstill."""
+RESTS, MOVES = 0.5, 0.9
+"""Smooth signs of velocity below which a coordinate is at rest, and above which it moves."""
 PAUSES = 0.01
 """Share of the time just before and after standstills from which on these count."""
 
@@ -439,11 +441,12 @@ PAUSES = 0.01
 def creeping(v: Vector, scale: float, rate: float) -> Vector:
     """Give the sign of velocity that comes before a standstill or after it, for a short time.
 
-    Friction is there while positions creep within a step of their encoder, which shows them at rest.
+    Friction is there while positions creep within a step of their encoder, which shows them at rest. Where the velocity
+    passes slowly through zero, or to the other side, it is zero.
     """
     sign, n = np.tanh(v / scale), max(round(CREEP * rate), 1)
-    around = np.pad(sign, n, mode="edge")
-    return (1.0 - np.abs(sign)) * (around[: len(v)] + around[2 * n :])
+    moves = np.pad(np.where(np.abs(sign) > MOVES, sign, 0.0), n, mode="edge")
+    return np.where(np.abs(sign) < RESTS, 1.0 - np.abs(sign), 0.0) * (moves[: len(v)] + moves[2 * n :])
 
 
 def transitions(v: Vector, scale: float) -> list[Vector]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .completed import effect_candidates
 from .effects import CATALOGUE, Candidate, at_known_place, extremes, sign_width, twin_places
 from .events import Reporter
 from .everywhere import kinds_first, needed, rubs_everywhere
@@ -26,6 +27,8 @@ ALIKE = 0.95
 """Cosine of the motors' shares beyond which two effects act along one coordinate."""
 OPEN = 4.0
 """Speed, over that which is told from noise, up to which the law of dry friction leaves its sign open."""
+STRONG = 400.0
+"""Statistic from which on friction shows how its sign passes through zero."""
 ROUNDED = 2.0
 """How many times the torque that steps of encoders bring a correction without a name has to make."""
 PREFERENCE = 2.0
@@ -175,12 +178,13 @@ def _renamed(explanation: Explanation) -> Explanation:
     for j, found in enumerate(explanation.found):
         near = [c for c, d in found.rivals if c.named and d > -_nearly(found.gain)]
         for law in () if found.candidate.named else near[:2]:
+            law = law.detailed(explanation.search.problem.motions) if found.score.statistic > STRONG else law
             search, laws = settled(explanation.search, [*accepted[:j], law, *accepted[j + 1 :]], rounds=4)
             bank, without = search.renewed(explanation.bank), search.without(search.fit(laws), j)
             score = search.score(without, laws[j])
             stands = is_plausible(laws[j], score, without.effects) and _stands(search, laws[j], score, without)
             if stands and unnamed(search, bank, laws) is None:
-                return explained(search, bank, laws)
+                return _renamed(explained(search, bank, laws))
     return explanation
 
 
@@ -291,8 +295,9 @@ def _peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
         best = max(
             (t for t in own if is_plausible(*t)), key=lambda t, without=without: gain(search, without, *t), default=None
         )
-        slack = search.settings.within(found.score.statistic)
-        if best is not None and gain(search, without, *best) > found.gain - slack:
+        slack, bare = search.settings.within(found.score.statistic), replace(candidate, creeps=False)
+        own = min(found.gain, gain(search, without, bare, search.score(without, bare)))
+        if best is not None and gain(search, without, *best) > own - slack:
             accepted[j] = best[0]
     return _with(explanation, accepted)
 
@@ -613,14 +618,17 @@ def _is_held(search: Search, push: Candidate, size: float, fit: Fit) -> bool:
     model, motion = search.problem.model, search.problem.motions[int(push.shape[2])]
     inside = (motion.time >= push.shape[0]) & (motion.time <= push.shape[1])
     own = push.place.weights(model)
-    for law, beta in zip(fit.effects, fit.beta, strict=True):
-        if not law.has_doubts or law.place.is_pair or not law.place.A + law.place.B:
+    for law, beta in [*zip(fit.effects, fit.beta, strict=True), *effect_candidates(model)]:
+        dry = law.effect.name == "coulomb_friction" or "coulomb_friction" in law.effect.confounded
+        if not (dry and law.has_doubts) or law.place.is_pair:
             continue
-        other = law.place.weights(model)
-        alike = abs(own @ other) > ALIKE * float(np.linalg.norm(own) * np.linalg.norm(other))
+        series, other = law.raw_columns(motion).along or (None, own)
+        if series is None or abs(own @ other) <= ALIKE * np.linalg.norm(own) * np.linalg.norm(other):
+            continue
+        k = len(law.effect.signs)
+        level = float(np.abs(beta[:k] @ series[:k]).max() * np.linalg.norm(other) / np.linalg.norm(own))
         speed = np.abs(law.place.along(motion.v, motion.v_m))[inside]
-        rests = np.mean(speed < OPEN * sign_width(search.problem.motions, law.place)) > 0.5
-        if alike and rests and size < float(np.abs(beta[: len(law.effect.signs)]).sum()):
+        if size < level and np.mean(speed < OPEN * sign_width(search.problem.motions, law.place)) > 0.5:
             return True
     return False
 
@@ -726,7 +734,7 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
     if not candidates:
         return None
     first = search.refine(fit, candidates[0])
-    if first[1].statistic > 400.0:
+    if first[1].statistic > STRONG:
         candidates = [c.detailed(search.problem.motions) for c in (first[0], *candidates[1:])]
         first = search.refine(fit, candidates[0])
     pool = [first]

@@ -10,7 +10,7 @@ from .explain import Explanation, Found
 from .replay import Replay
 from .report_evidence import Evidence, LawCurve, Rival, RunEvidence, SimulatedMotion
 from .selection import Fit, Search, errors
-from .units import motor_units, unit_at
+from .units import joint_units, motor_units, unit_at
 
 
 def gather(diagnosis: Diagnosis) -> Evidence:
@@ -30,17 +30,17 @@ def gather(diagnosis: Diagnosis) -> Evidence:
         laws=tuple(_law(search, explanation, f) if f else None for f in named),
         rivals=tuple(_rivals(f) if f else () for f in named),
         unexplained=_law(search, explanation, patches[0]) if patches else None,
-        simulated=tuple(_simulated(replay) for replay in diagnosis.replays[:1]),
+        simulated=tuple(_simulated(replay, joint_units(search.problem.model)) for replay in diagnosis.replays[:1]),
         notices=tuple(notice for run in search.problem.runs for notice in run.signals.notices),
     )
 
 
-def _simulated(replay: Replay, most: int = 5) -> SimulatedMotion:
+def _simulated(replay: Replay, units: tuple[str, ...], most: int = 5) -> SimulatedMotion:
     """Draw the first windows, with gaps where the simulations start anew."""
     time, *motions = replay.stretch(most)
     anew = np.arange(1, round((time[-1] + replay.time[1]) / replay.horizon)) * (len(replay.time) - 1)
     parts = (np.insert(x, anew, np.nan, axis=0) for x in motions)
-    return SimulatedMotion(np.insert(time, anew, time[anew]), *parts, label=replay.label)
+    return SimulatedMotion(np.insert(time, anew, time[anew]), *parts, label=replay.label, units=units)
 
 
 def _listed(diagnosis: Diagnosis, explanation: Explanation) -> list[Found | None]:
@@ -73,6 +73,7 @@ def _runs(search: Search, rigid: Fit, fit: Fit, holdout: bool) -> list[RunEviden
                 valid=valid,
                 holdout=holdout,
                 units=motor_units(problem.model, problem.torque),
+                joint_units=joint_units(problem.model),
             )
         )
     return out
@@ -97,7 +98,10 @@ def _law(search: Search, explanation: Explanation, found: Found) -> LawCurve | N
     place, label = candidate.location, "position" if by_position else "speed"
     label += f" [{unit_at(search.problem.model, place, 'rad' if by_position else 'rad/s')}]"
     if candidate.remembers_tension:
-        x, label = remembered(motion, candidate.place), "torque of the cable [N m]"
+        x, label = (
+            remembered(motion, candidate.place),
+            f"torque of the cable [{unit_at(search.problem.model, place, 'N m')}]",
+        )
     start, stop = search.problem.segments[0][0]
     keep = slice(start, stop)
     return LawCurve(

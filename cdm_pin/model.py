@@ -129,8 +129,9 @@ class CableModel:
 
     @cached_property
     def linear_motors(self) -> np.ndarray:
-        """Which motors move only joints that slide, shape (n_motors,) of bool."""
-        return np.all(np.abs(self.joint_from_motor[~self.chain.prismatic]) < 1e-12, axis=0)
+        """Which motors slide as their joints do, one to one, shape (n_motors,) of bool; others turn, like a spool."""
+        E, slides = np.abs(self.joint_from_motor), self.chain.prismatic[:, None]
+        return np.all((E < 1e-12) | (slides & (np.abs(E - 1.0) < 1e-9)), axis=0)
 
     @cached_property
     def planar(self) -> bool:

@@ -11,6 +11,7 @@ from .effects import Candidate
 from .geometry import Vector
 from .motion import Motion
 from .selection import Fit, Search
+from .units import unit_at
 
 BINS = 8  # of angle and of time
 CLEAR = 1.8  # times the energy per second that a region has to have over the mean
@@ -78,13 +79,14 @@ def _regions(candidate: Candidate, motion: Motion, step: int, n: int) -> Iterabl
         return
     x, v, words = coordinate[0][::step][:n], coordinate[1][::step][:n], coordinate[2]
     usual = float(np.sqrt(np.mean(v**2))) or 1.0
+    unit = unit_at(motion.model, candidate.location, "rad")
     yield f"around reversals of {words}", np.abs(v) < 0.25 * usual
     yield f"at high speed of {words}", np.abs(v) > 1.3 * usual
     yield f"while {words} turns forwards", v > 0.1 * usual
     yield f"while {words} turns backwards", v < -0.1 * usual
     edges = np.linspace(float(x.min()), float(x.max()) + 1e-12, BINS + 1)
     for low, high in itertools.pairwise(edges):
-        yield f"around {words} at {0.5 * (low + high):.2g} rad", (x >= low) & (x < high)
+        yield f"around {words} at {0.5 * (low + high):.2g} {unit}", (x >= low) & (x < high)
 
 
 def _coordinate(candidate: Candidate, motion: Motion) -> tuple[Vector, Vector, str] | None:

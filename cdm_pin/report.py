@@ -17,7 +17,7 @@ from .report_evidence import Evidence, LawCurve, Rival, RunEvidence, SimulatedMo
 from .report_page import PAGE, cards, figure, key, paragraph, table
 from .report_robot import robot_picture
 from .svg import BLACK, BLUE, VERMILLION
-from .units import either
+from .units import either, joint_units
 from .wording import (
     candidate,
     changed_masses,
@@ -75,7 +75,7 @@ def report_html(diagnosis: Mapping[str, Any], evidence: Evidence | None, model: 
         ("where", "Where", _where(diagnosis, evidence, model)),
         ("what", "What", _what(diagnosis, evidence)),
         ("size", "How large", _how_large(diagnosis, evidence)),
-        ("better", "How much better", _how_much_better(diagnosis, evidence)),
+        ("better", "How much better", _how_much_better(diagnosis, evidence, model)),
         ("seen", "What would have been seen", _seen(diagnosis)),
         ("next", "What to record next", _next(diagnosis)),
         ("data", "About the data", _data(evidence)),
@@ -206,7 +206,7 @@ def _changes(changed: Sequence[Mapping[str, Any]]) -> str:
     return table(["Base parameter", "In the file", "Found", "Cannot be told from"], rows)
 
 
-def _how_much_better(diagnosis: Mapping[str, Any], evidence: Evidence) -> str:
+def _how_much_better(diagnosis: Mapping[str, Any], evidence: Evidence, model: CableModel) -> str:
     fit = diagnosis.get("fit") or {}
     unit = either(np.atleast_1d(fit.get("unit") or (evidence.runs[0].units if evidence.runs else "N m")))
     html = ""
@@ -221,8 +221,11 @@ def _how_much_better(diagnosis: Mapping[str, Any], evidence: Evidence) -> str:
     simulated = fit.get("simulated_position")
     if simulated:
         horizon = f" over {number(simulated['horizon'])} s" if simulated.get("horizon") else ""
+        position = either(joint_units(model))
         rows = [[name, number(r), number(a)] for name, r, a, _ in _fit_rows(simulated, "joint")]
-        html += f"<h3>Simulated motion{horizon}</h3>" + table(["Position error [rad]", "Rigid", "Completed"], rows)
+        html += f"<h3>Simulated motion{horizon}</h3>" + table(
+            [f"Position error [{position}]", "Rigid", "Completed"], rows
+        )
         words = "Both models start in the recorded state, anew for each stretch, and are driven by the recorded torque "
         words += "alone; the error is rms over all stretches."
         held = ", ".join(candidate(entry) for entry in simulated.get("along_record") or [])

@@ -29,6 +29,8 @@ class RunEvidence:
         Whether the models were judged on this recording rather than fitted to it.
     units : tuple of str
         Of `measured`, `rigid` and `augmented`, per motor; one if it is the same for all.
+    joint_units : tuple of str
+        Of `q`, per joint; one if it is the same for all.
     """
 
     label: str
@@ -41,10 +43,15 @@ class RunEvidence:
     valid: np.ndarray | None = None
     holdout: bool = False
     units: tuple[str, ...] = ("N m",)
+    joint_units: tuple[str, ...] = ("rad",)
 
     def unit(self, motor: int) -> str:
         """Give the unit of one motor."""
         return self.units[motor % len(self.units)]
+
+    def joint_unit(self, joint: int) -> str:
+        """Give the unit of one joint's position."""
+        return self.joint_units[joint % len(self.joint_units)]
 
 
 @dataclass(frozen=True)
@@ -103,6 +110,8 @@ class SimulatedMotion:
     recorded, rigid, augmented : ndarray, shape (n, n_joints)
         [rad or m].
     label : str
+    units : tuple of str
+        Of each joint; one if it is the same for all.
     """
 
     time: np.ndarray
@@ -110,6 +119,7 @@ class SimulatedMotion:
     rigid: np.ndarray
     augmented: np.ndarray
     label: str = ""
+    units: tuple[str, ...] = ("rad",)
 
 
 @dataclass(frozen=True)

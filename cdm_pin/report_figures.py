@@ -91,7 +91,8 @@ def state_maps(runs: Sequence[RunEvidence], rows: Rows) -> list[tuple[str, str]]
     before = before @ rows.from_motors.T
     panels = []
     for joint in range(q.shape[1]):
-        for name, x in (("position [rad]", q), ("velocity [rad/s]", v)):
+        unit = runs[0].joint_unit(joint)
+        for name, x in ((f"position [{unit}]", q), (f"velocity [{unit}/s]", v)):
             panels.append((f"joint {joint + 1} {name}", *_binned_mean(x[:, joint], before)))
     top = max(_largest(np.abs(mean)) for _, _, mean in panels)
     out = []
@@ -182,8 +183,9 @@ def simulated_motion(motion: SimulatedMotion) -> list[tuple[str, str]]:
     out = []
     for joint in range(motion.recorded.shape[1]):
         arrays = [np.asarray(a, float)[:, joint] for a in (motion.recorded, motion.rigid, motion.augmented)]
+        unit = motion.units[joint % len(motion.units)]
         span = svg.limits(arrays[0], arrays[2], np.clip(arrays[1], *svg.limits(arrays[0], margin=1.0)))
-        chart = Chart((motion.time[0], motion.time[-1]), span, "time [s]", f"joint {joint + 1} [rad]")
+        chart = Chart((motion.time[0], motion.time[-1]), span, "time [s]", f"joint {joint + 1} [{unit}]")
         chart.line(motion.time, arrays[0], BLACK, width=1.2)
         chart.line(motion.time, arrays[1], VERMILLION, dash="6 3")
         chart.line(motion.time, arrays[2], BLUE)

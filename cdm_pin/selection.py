@@ -555,15 +555,11 @@ class Search:
             whitener = fit_whitener(residuals, quiet, self.settings.order, self.problem.blocks)
             return whitener, log_likelihood(whitener, quiet)
 
-        def settled(own: Whitener) -> tuple[Whitener, float]:
-            """Estimate the noise beside the candidate anew, from one in which it was fitted."""
-            return noise(self._errors(whole, noise(self._errors(whole, own))[0]))
-
         own, with_it = noise(residuals)
         without = noise(self._errors(effects, shared))[1]
-        white = settled(self.even(effects))  # in slow noise, a slow effect may not have been fitted at all
-        if white[1] > with_it:
-            own, with_it = white
+        fitted = noise(self._errors(whole, self.noise(whole)))  # in slow noise, a slow effect may not have been
+        if fitted[1] > with_it:
+            own, with_it = fitted
         if 2.0 * (with_it - without) > least - 5.0:
             own, with_it = noise(self._errors(whole, own))
             without = max(without, noise(self._errors(effects, own))[1])

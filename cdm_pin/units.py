@@ -7,9 +7,6 @@ from typing import Any
 
 from .model import CableModel
 
-TURNING = ("phase", "angle")
-"""Parameters that are angles wherever they sit."""
-
 
 def unit_at(model: CableModel, location: Mapping[str, Any], unit: str, name: str = "") -> str:
     """Give the unit of a parameter at its place.
@@ -29,8 +26,10 @@ def unit_at(model: CableModel, location: Mapping[str, Any], unit: str, name: str
     str
         The same unit, or that at a coordinate that slides: ``"N m s/rad"`` becomes ``"N s/m"``.
     """
-    if name in TURNING or not _slides(model, location):
+    if name == "phase" or not _slides(model, location):
         return unit
+    if name == "coefficient" and unit == "m":  # torque per load: force per load
+        return "1"
     return unit.replace("N m", "N").replace("kg m^2", "kg").replace("rad", "m")
 
 
@@ -40,13 +39,18 @@ def motor_units(model: CableModel, torque: bool) -> tuple[str, ...]:
     return tuple(sliding if linear else turning for linear in model.linear_motors)
 
 
+def joint_units(model: CableModel) -> tuple[str, ...]:
+    """Give the unit of each joint's position."""
+    return tuple("m" if slides else "rad" for slides in model.chain.prismatic)
+
+
 def _slides(model: CableModel, location: Mapping[str, Any]) -> bool:
     kind, index = location.get("kind"), int(location.get("index") or 0) - 1
     if kind == "joint":
         return bool(model.chain.prismatic[index])
     if kind in ("motor", "cable"):
         return bool(model.linear_motors[index])
-    if kind == "combination":
+    if kind == "combination" and "weights" in location:
         own = [bool(slides) for w, slides in zip(location["weights"], model.linear_motors, strict=True) if w]
         return bool(own) and all(own)
     return False

@@ -76,6 +76,7 @@ _CLAUSES = {
 }
 
 _MOST = 4  # findings whose sizes a sentence says, and doubts; what is more is counted
+_ERRORS = {"N m": "torque", "N": "force"}
 _COUNTS = ("No", "One thing is", "Two things are", "Three things are", "Four things are", "Five things are")
 
 
@@ -134,7 +135,7 @@ def _unexplained(diagnosis: Content) -> list[str]:
         parts.append(f"nearest to it, but not it: {_either([candidate(near) for near in rest['nearest']])}")
     findings = diagnosis.get("findings") or []
     if findings:
-        parts += ["sure beside it: " + ", and ".join(_clauses(findings)), improvement(diagnosis)]
+        parts += ["sure beside it: " + ", and ".join(_clauses(findings)), improvement(diagnosis, "all that was fitted")]
     return [*parts, _to_find_out(diagnosis)]
 
 
@@ -226,7 +227,7 @@ def doubt(finding: Content, it: str = "") -> str:
     return f"these data cannot tell {it or candidate(finding)} from {_either(others)}" if others else ""
 
 
-def improvement(diagnosis: Content) -> str:
+def improvement(diagnosis: Content, by: str = "") -> str:
     """Say how far the torque error falls, on the motor where it falls most, and where the floor is."""
     name, fit = _judged(diagnosis)
     if not fit:
@@ -239,8 +240,8 @@ def improvement(diagnosis: Content) -> str:
         return ""
     of_motor = f" of motor {k + 1}" if len(rigid) > 1 else ""
     unit = _unit(diagnosis, k)
-    text = f"with {'it' if len(diagnosis.get('findings') or []) < 2 else 'them'}, "
-    text += f"{'torque' if unit.startswith('N') else 'position'} error{of_motor} on the {name} "
+    text = f"with {by or ('it' if len(diagnosis.get('findings') or []) < 2 else 'them')}, "
+    text += f"{_ERRORS.get(unit, 'position')} error{of_motor} on the {name} "
     text += f"falls from {number(rigid[k])} to {number(augmented[k])} {unit}"
     if k < len(floor) and floor[k]:
         reached = augmented[k] <= 1.15 * floor[k]

@@ -1,5 +1,7 @@
 """Units at coordinates that slide: the insertion axis of a patient-side manipulator."""
 
+from dataclasses import replace
+
 import pytest
 
 from cdm_pin.model import load_model
@@ -36,6 +38,14 @@ def test_what_slides_has_forces_and_metres(psm, unit, slides):
     assert unit_at(psm, {"kind": "system"}, unit) == unit_at(psm, {"kind": "base"}, unit) == unit
 
 
+def test_a_spool_turns():
+    """A motor that winds up a cable of a slide moves no joint that turns, and turns itself."""
+    psm = load_model("urdf/real/psm3.yaml")
+    E = psm.joint_from_motor.copy()
+    E[:, 2] *= 0.02
+    assert list(replace(psm, joint_from_motor=E).linear_motors) == [False] * 3
+
+
 def test_an_angle_stays_one(psm):
     """The phase of a periodic law is an angle wherever it sits."""
     assert unit_at(psm, at("motor", 3), "rad", "phase") == "rad"
@@ -46,6 +56,7 @@ def test_parts_that_rub_on_each_other_slide_if_all_motors_do(psm):
     alone, mixed = ({"kind": "combination", "weights": w} for w in ([0.0, 0.0, 1.0], [1.0, 0.0, -0.4]))
     assert unit_at(psm, alone, "N m") == "N"
     assert unit_at(psm, mixed, "N m") == "N m"
+    assert unit_at(psm, {"kind": "combination", "index": 1, "other": 2}, "N m") == "N m"
 
 
 def test_each_motor_has_its_unit(psm):

@@ -93,7 +93,7 @@ def test_of_many_findings_the_strongest_are_said(found):
     assert "7 of them these data cannot tell from others, listed with each" in text
     found.update(verdict="unexplained", unexplained={"location": JOINT1, "region": "", "rms": 0.1, "unit": "N"})
     text = sentence(found)
-    assert "0.1 N rms; sure beside it: joint 2 loses" in text and "; with them, torque error" in text
+    assert "0.1 N rms; sure beside it: joint 2 loses" in text and "; with all that was fitted, torque error" in text
 
 
 def test_places_have_the_names_of_the_file(found):

@@ -30,6 +30,7 @@ def run(args: argparse.Namespace) -> int:
     from ..model import load_model
     from ..recording import load_recording, save_recording
     from ..simulation import load_settings, simulate_recording
+    from ..units import either, joint_units, motor_units
 
     if args.seed < 0:
         raise InputError(f"a whole number from 0 on was expected, found {args.seed}", place="--seed")
@@ -56,6 +57,7 @@ def run(args: argparse.Namespace) -> int:
         }
         for i, name in enumerate(model.motors)
     ]
+    position, torque = either(joint_units(model)), either(motor_units(model, torque=True))
     emit(
         args,
         {
@@ -65,8 +67,16 @@ def run(args: argparse.Namespace) -> int:
             "joints": joints,
             "motors": motors,
         },
-        table("Tracking error [rad]", ("joint", "rms", "worst"), [list(joint.values()) for joint in joints]),
-        table("Torque [N m]", ("motor", "rms", "of the PID"), [list(motor.values()) for motor in motors]),
+        table(
+            f"Tracking error [{position}]",
+            ("joint", "rms", "worst"),
+            [list(joint.values()) for joint in joints],
+        ),
+        table(
+            f"Torque [{torque}]",
+            ("motor", "rms", "of the PID"),
+            [list(motor.values()) for motor in motors],
+        ),
         f"wrote {args.output}, {result.recording.n_samples} rows",
     )
     return 0

@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..model import load_model
 from ..recording import Recording, load_recording, save_recording
 from ..torques import recorded_torques, rms
+from ..units import either, motor_units
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,7 +49,8 @@ def run(args: argparse.Namespace) -> int:
         }
         for i, name in enumerate(model.motors)
     ]
-    header = ("motor", "rms [N m]", "peak [N m]", "recorded rms", "difference rms")
+    unit = either(motor_units(model, torque=True))
+    header = ("motor", f"rms [{unit}]", f"peak [{unit}]", "recorded rms", "difference rms")
     emit(
         args,
         {"file": args.output, "rows": len(tau_m), "motors": motors},

@@ -20,7 +20,7 @@ from .absolute import motor_torques
 from .catalogue import CATALOGUE, draw_fault
 from .compile import compile_laws
 from .faults import Fault
-from .paths import Cables, joints_from_motors
+from .paths import joints_from_motors, stretched
 from .planar import Arm, rigid_columns
 from .run import altered
 from .sensing import Motion, Noise, Sensors, drift_basis, encoder_offsets, interpolate, relative, torque_as_logged
@@ -199,7 +199,7 @@ class Oracle:
         laws = compile_laws(faults, true.ratio, n)
         tau_m, _, C = motor_torques(true, laws, rigid, phi, w, a, motion.step)
         bend = cables.eccentricity * (np.sin(theta + cables.phase) - np.sin(cables.phase))
-        path = theta @ np.tril(1.0 + cables.ratio_error).T + bend + _stretch(cables, C, motion.step)
+        path = theta @ np.tril(1.0 + cables.ratio_error).T + bend + stretched(cables, C, motion.step)
         gap = path - np.cumsum(self._logged, axis=1)
         return torque_as_logged(faults, tau_m, motion.step, scene.t), interpolate(gap, motion.step, scene.t)
 
@@ -248,11 +248,3 @@ def _whiten(y: np.ndarray, noise: Noise) -> np.ndarray:
     e = lfilter([1.0, -r], [1.0], y, axis=0) / np.sqrt(1.0 - r * r)
     e[0] = y[0]
     return (e / noise.std.reshape(shape)).reshape(y.shape[0] * y.shape[1], *y.shape[2:])
-
-
-def _stretch(cables: Cables, C: np.ndarray, step: float) -> np.ndarray:
-    """Lost length (N, n) [rad] of cables under slowly changing torques C (N, n): elasticity, slack, gap."""
-    beyond = np.maximum(np.abs(C) - cables.slack, 0.0)
-    x = (C + np.sign(C) * beyond) / cables.stiffness
-    lag = np.where(np.isfinite(cables.stiffness), cables.damping / cables.stiffness, 0.0)
-    return x - lag * np.gradient(x, step, axis=0) + cables.half_gap * np.tanh(C / 0.02)

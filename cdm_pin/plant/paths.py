@@ -84,6 +84,14 @@ def lost_length(cables, i, C):
     return x + np.sign(C) * cables.half_gap[i]
 
 
+def stretched(cables: Cables, C: np.ndarray, step: float) -> np.ndarray:
+    """Lost length (N, n) [rad] of cables under slowly changing torques C (N, n): elasticity, slack, gap."""
+    beyond = np.maximum(np.abs(C) - cables.slack, 0.0)
+    x = (C + np.sign(C) * beyond) / cables.stiffness
+    lag = np.where(np.isfinite(cables.stiffness), cables.damping / cables.stiffness, 0.0)
+    return x - lag * np.gradient(x, step, axis=0) + cables.half_gap * np.tanh(C / 0.02)
+
+
 def joints_from_motors(cables: Cables, ratio: float, q_m: np.ndarray) -> np.ndarray:
     """Solve the inextensible path for the joint angles (N, n) [rad] that motor angles `q_m` (N, n) stand for."""
     psi = q_m * ratio

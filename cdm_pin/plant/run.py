@@ -11,7 +11,7 @@ from .absolute import Reference, Servo, closed_loop, compliant_loop, motor_torqu
 from .compile import compile_laws
 from .faults import Fault
 from .laws import DRY, WIDTH, Laws
-from .paths import Cables, ideal_cables, lost_length
+from .paths import Cables, ideal_cables, stretched
 from .planar import Arm, lumped, mass_and_bias
 from .sensing import Motion
 
@@ -77,7 +77,7 @@ def _integrable(arm: Arm, laws: Laws, cables: Cables, phi: np.ndarray) -> tuple[
         for i in np.flatnonzero(elastic):
             lightest = 4.0 * inverse.max() + arm.ratio**2 / arm.rotor[i]
             stiffest = max(stiffest, np.sqrt(cables.stiffness[i] * lightest), cables.damping[i] * lightest)
-    return laws._replace(parameters=parameters), max(1, int(np.ceil(stiffest * FINE_STEP / 1.2)))
+    return laws._replace(parameters=parameters), max(1, int(min(np.ceil(stiffest * FINE_STEP / 1.2), STIFF + 1)))
 
 
 def simulate_run(
@@ -107,8 +107,7 @@ def simulate_run(
             eased, steps = _integrable(true, laws, ideal_cables(len(elastic)), phi)
         phi, w, a = closed_loop(true, eased, model, servo, reference, FINE_STEP, min(steps, STIFF), N)
     tau_m, q_m, C = motor_torques(true, laws, cables, phi, w, a, FINE_STEP)
-    for i in np.flatnonzero(elastic):
-        q_m[:, i] += np.array([lost_length(cables, i, load) for load in C[:, i]]) / true.ratio
+    q_m[:, elastic] += stretched(cables, C, FINE_STEP)[:, elastic] / true.ratio
     return _checked(Motion(phi, w, a, tau_m, q_m, C, FINE_STEP))
 
 
