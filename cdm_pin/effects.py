@@ -432,8 +432,8 @@ def _transition(motion: Motion, place: Place, shape: Shape, scale: float) -> lis
 
 CREEP = 0.02
 """Time [s] for which a position may creep within a step of its encoder before and after a standstill."""
-RESTS, MOVES = 0.5, 0.9
-"""Smooth signs of velocity below which a coordinate is at rest, and above which it moves."""
+RESTS = 0.2
+"""Share of the sign's width below which a velocity is that of a rest; one that passes through zero is there briefly."""
 PAUSES = 0.01
 """Share of the time just before and after standstills from which on these count."""
 
@@ -445,8 +445,13 @@ def creeping(v: Vector, scale: float, rate: float) -> Vector:
     passes slowly through zero, or to the other side, it is zero.
     """
     sign, n = np.tanh(v / scale), max(round(CREEP * rate), 1)
-    moves = np.pad(np.where(np.abs(sign) > MOVES, sign, 0.0), n, mode="edge")
-    return np.where(np.abs(sign) < RESTS, 1.0 - np.abs(sign), 0.0) * (moves[: len(v)] + moves[2 * n :])
+    around = np.pad(sign, n, mode="edge")
+    series = (1.0 - np.abs(sign)) * (around[: len(v)] + around[2 * n :])
+    edges = np.diff(np.r_[False, np.abs(v) < scale, False].astype(int))
+    for a, b in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True):
+        if b - a < 2 * n or np.mean(np.abs(v[a:b]) < RESTS * scale) < 0.5:
+            series[a:b] = 0.0
+    return np.where(np.abs(v) < scale, series, 0.0)
 
 
 def transitions(v: Vector, scale: float) -> list[Vector]:
