@@ -26,6 +26,7 @@ from .explain import (
     is_loud,
     patch,
     settled,
+    still_standing,
     tied,
 )
 from .geometry import Manipulator, Vector, frozen_array
@@ -164,7 +165,7 @@ def diagnose(
         there, again = _validated(seen, explain(first.search.stiff, progress, frozenset(named)))
         if again.found and not {f.candidate.effect.name for f in again.found} & {name for name, _ in named}:
             judge, explanation = there, again
-    explanation = _sized(explanation)
+    explanation = _sized(explanation if explanation.everywhere else still_standing(explanation))
     lost = [f for f in first.found if f.candidate not in explanation.fit.effects and is_loud(f.score)]
     rough = explanation.fit.deviance > 2.0 * explanation.fit.n_rows  # bursts that no estimate of the noise has in it
     say("sensitivities", 0.95)

@@ -149,6 +149,18 @@ def explain(
     return explanation
 
 
+def still_standing(explanation: Explanation) -> Explanation:
+    """Drop pushes that are not significant any more beside what the unseen recordings have left."""
+    search, effects = explanation.search, [f.candidate for f in explanation.found]
+    kept = []
+    for j, candidate in enumerate(effects):
+        without = search.without(explanation.fit, j)
+        score = search.score(without, candidate)
+        if candidate.effect.name != "external_torque" or _stands(search, candidate, score, without):
+            kept.append(candidate)
+    return explanation if len(kept) == len(effects) else explained(search, explanation.bank, kept)
+
+
 def _unpatched(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Search, list[Candidate]]:
     """Leave out the corrections without a name if the laws, estimated anew without them, ask for none.
 

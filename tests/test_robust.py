@@ -176,6 +176,22 @@ def test_friction_may_hold_a_push_at_standstill(speed, size, place, held):
     assert explain._is_held(search, push, size, fit) is held
 
 
+@pytest.mark.parametrize("stands", [True, False])
+def test_a_push_has_to_stand_beside_what_is_left(monkeypatch, stands):
+    """What was significant beside a finding that was withdrawn may be none alone; other laws are judged elsewhere."""
+    places = joint_places(load_model("urdf/planar3.yaml"))
+    effects = [
+        Candidate(CATALOGUE["external_torque"], places[0], (1.0, 2.0, 0.0)),
+        Candidate(CATALOGUE["viscous_friction"], places[1]),
+    ]
+    search = SimpleNamespace(without=lambda fit, j: None, score=lambda fit, candidate: None)
+    found = [SimpleNamespace(candidate=c) for c in effects]
+    explanation = SimpleNamespace(search=search, found=found, fit=None, bank=None)
+    monkeypatch.setattr(explain, "_stands", lambda *_: stands)
+    monkeypatch.setattr(explain, "explained", lambda search, bank, kept: kept)
+    assert explain.still_standing(explanation) == (explanation if stands else effects[1:])
+
+
 def test_what_a_base_parameter_may_as_well_be_starts_at_its_own_link():
     """A rotor, a payload on its own link, one at the end, and only then what wrong sensors would do."""
     names = [("torque_gain_error", 1), ("payload", 4), ("payload", 2), ("payload", 3), ("rotor_inertia", 2)]
