@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -1647,6 +1647,16 @@ SWUNG = 0.01
 """Share that the law of a soft cable may be wrong by, where the links' swing on it is integrated."""
 
 
+class Identity(NamedTuple):
+    """What tells the columns of one candidate from those of another, and whether they change with the model."""
+
+    key: tuple[str, str]
+    shape: Shape
+    detail: float
+    creeps: bool
+    hangs_on_torques: bool
+
+
 @dataclass(frozen=True)
 class Candidate:
     """An effect at a place with given nonlinear parameters.
@@ -1674,9 +1684,9 @@ class Candidate:
         return self.effect.name, str(sorted(self.place.location.items()))
 
     @cached_property
-    def identity(self) -> tuple[Any, ...]:
-        """Effect, place, shape, what is left open; last, whether its columns change with the model's torques."""
-        return self.key, self.shape, self.detail, self.creeps, self.hangs_on_torques
+    def identity(self) -> Identity:
+        """Effect, place, shape, what is left open, and whether its columns change with the model's torques."""
+        return Identity(self.key, self.shape, self.detail, self.creeps, self.hangs_on_torques)
 
     def admissible(self, beta: Vector) -> Vector:
         """Give the coefficients with which a soft cable can be integrated; others as they are."""

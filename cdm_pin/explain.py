@@ -152,12 +152,14 @@ def explain(
 def still_standing(explanation: Explanation) -> Explanation:
     """Drop pushes that are not significant any more beside what the unseen recordings have left."""
     search, effects = explanation.search, [f.candidate for f in explanation.found]
-    kept = []
-    for j, candidate in enumerate(effects):
+
+    def stands(j: int, candidate: Candidate) -> bool:
+        if candidate.effect.name != "external_torque":
+            return True
         without = search.without(explanation.fit, j)
-        score = search.score(without, candidate)
-        if candidate.effect.name != "external_torque" or _stands(search, candidate, score, without):
-            kept.append(candidate)
+        return _stands(search, candidate, search.score(without, candidate), without)
+
+    kept = [candidate for j, candidate in enumerate(effects) if stands(j, candidate)]
     return explanation if len(kept) == len(effects) else explained(search, explanation.bank, kept)
 
 
@@ -188,8 +190,10 @@ def _renamed(explanation: Explanation) -> Explanation:
     """
     accepted = [f.candidate for f in explanation.found]
     for j, found in enumerate(explanation.found):
+        if found.candidate.named:
+            continue
         near = [c for c, d in found.rivals if c.named and d > -_nearly(found.gain)]
-        for law in () if found.candidate.named else near[:2]:
+        for law in near[:2]:
             law = law.detailed(explanation.search.problem.motions) if found.score.statistic > STRONG else law
             search, laws = settled(explanation.search, [*accepted[:j], law, *accepted[j + 1 :]], rounds=4)
             bank, without = search.renewed(explanation.bank), search.without(search.fit(laws), j)
@@ -447,7 +451,7 @@ def _sided(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Searc
             best = best or judged(accepted)
             laws = [replace(candidate, place=twin)]
             if candidate.effect.nuisance_shape and candidate.effect is not plain:
-                laws.append(Candidate(plain, twin, candidate.shape[:1], candidate.detail, candidate.creeps))
+                laws.append(replace(laws[0], effect=plain, shape=candidate.shape[:1]))
             for law in laws:
                 other = judged([*accepted[:j], law, *accepted[j + 1 :]])
                 if other[0] < best[0] - 10.0:

@@ -95,13 +95,10 @@ def _law(search: Search, explanation: Explanation, found: Found) -> LawCurve | N
     by_position = any(word in candidate.effect.name for word in ("spring", "position", "ripple", "hysteresis"))
     motion = run.motion
     x = candidate.place.along(motion.q, motion.q_m) if by_position else candidate.place.along(motion.v, motion.v_m)
-    place, label = candidate.location, "position" if by_position else "speed"
-    label += f" [{unit_at(search.problem.model, place, 'rad' if by_position else 'rad/s')}]"
+    angle, torque = (unit_at(search.problem.model, candidate.location, unit) for unit in ("rad", "N m"))
+    label = f"position [{angle}]" if by_position else f"speed [{angle}/s]"
     if candidate.remembers_tension:
-        x, label = (
-            remembered(motion, candidate.place),
-            f"torque of the cable [{unit_at(search.problem.model, place, 'N m')}]",
-        )
+        x, label = remembered(motion, candidate.place), f"torque of the cable [{torque}]"
     start, stop = search.problem.segments[0][0]
     keep = slice(start, stop)
     return LawCurve(
@@ -109,7 +106,7 @@ def _law(search: Search, explanation: Explanation, found: Found) -> LawCurve | N
         x_label=label,
         y_points=(share @ rest)[keep],
         y_fit=(share @ law)[keep],
-        y_label=f"torque [{unit_at(search.problem.model, place, 'N m')}]",
+        y_label=f"torque [{torque}]",
         loop=candidate.effect.name == "hysteresis",
     )
 

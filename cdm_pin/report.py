@@ -223,9 +223,8 @@ def _how_much_better(diagnosis: Mapping[str, Any], evidence: Evidence, model: Ca
         horizon = f" over {number(simulated['horizon'])} s" if simulated.get("horizon") else ""
         position = either(joint_units(model))
         rows = [[name, number(r), number(a)] for name, r, a, _ in _fit_rows(simulated, "joint")]
-        html += f"<h3>Simulated motion{horizon}</h3>" + table(
-            [f"Position error [{position}]", "Rigid", "Completed"], rows
-        )
+        header = [f"Position error [{position}]", "Rigid", "Completed"]
+        html += f"<h3>Simulated motion{horizon}</h3>" + table(header, rows)
         words = "Both models start in the recorded state, anew for each stretch, and are driven by the recorded torque "
         words += "alone; the error is rms over all stretches."
         held = ", ".join(candidate(entry) for entry in simulated.get("along_record") or [])

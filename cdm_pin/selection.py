@@ -15,7 +15,7 @@ from scipy.optimize import minimize_scalar
 from .base import BaseParameters, massive_columns
 from .completed import effect_candidates
 from .drift import LONG, LOUD, QUICKER, Drift, drift_columns, drifting_channels, slow_shapes, without_drift
-from .effects import CATALOGUE, RATIOS, Candidate
+from .effects import CATALOGUE, RATIOS, Candidate, Identity
 from .geometry import Vector
 from .model import CableModel
 from .patches import PATCHES, TONE
@@ -259,7 +259,7 @@ class Search:
         self.problem, self.base, self.settings = problem, base, settings
         self.drift = drift
         self.held = len({run.payload for run in problem.runs}) > 1 if held is None else held
-        self._cache: dict[Any, list[Vector]] = {}
+        self._cache: dict[Identity, list[Vector]] = {}
         self._clear: dict[Any, Whitener] = {}
         self._noise: dict[Any, Whitener] = {}
         self._bodies: Recent = Recent(4)
@@ -292,7 +292,7 @@ class Search:
             nominal - np.tensordot(change, rigid[: len(change)], 1)
             for nominal, rigid in zip(self.nominal, self.rigid, strict=True)
         ]
-        search._cache = {key: value for key, value in self._cache.items() if not key[-1]}
+        search._cache = {key: value for key, value in self._cache.items() if not key.hangs_on_torques}
         return search
 
     @property

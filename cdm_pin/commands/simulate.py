@@ -67,16 +67,8 @@ def run(args: argparse.Namespace) -> int:
             "joints": joints,
             "motors": motors,
         },
-        table(
-            f"Tracking error [{position}]",
-            ("joint", "rms", "worst"),
-            [list(joint.values()) for joint in joints],
-        ),
-        table(
-            f"Torque [{torque}]",
-            ("motor", "rms", "of the PID"),
-            [list(motor.values()) for motor in motors],
-        ),
+        table(f"Tracking error [{position}]", ("joint", "rms", "worst"), [list(joint.values()) for joint in joints]),
+        table(f"Torque [{torque}]", ("motor", "rms", "of the PID"), [list(motor.values()) for motor in motors]),
         f"wrote {args.output}, {result.recording.n_samples} rows",
     )
     return 0

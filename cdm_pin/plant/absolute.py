@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 
 from .laws import N_STATES, advance_laws, apply_laws
-from .paths import cable_torques, lost_length, path, stretch_torque
+from .paths import cable_torques, path, strained, stretch_torque
 from .planar import hinge_reactions, lumped, mass_and_bias, solve_in_place
 
 
@@ -300,7 +300,8 @@ def compliant_loop(arm, laws, cables, model, servo, reference, dt, substeps, N):
     cable_torques(P, tau, C)
     C -= tied * desired[2]
     for i in range(n):  # the motors start where the cables carry the load
-        state[2, i] = (psi[i] + lost_length(cables, i, C[i])) / arm.ratio
+        x = strained(C[i], cables.stiffness[i], cables.slack[i]) + np.sign(C[i]) * cables.half_gap[i]
+        state[2, i] = (psi[i] + x) / arm.ratio
         state[3, i] = dpsi[i] / arm.ratio
     v0[:] = state[3]
     step = dt / substeps

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 
 
 class Cables(NamedTuple):
@@ -75,19 +76,18 @@ def stretch_torque(cables, i, x, dx):
     return C if gap == 0.0 or C * y > 0 else 0.0
 
 
-@njit(cache=True)
-def lost_length(cables, i, C):
-    """Lost length [rad] at which cable pair `i` holds the torque `C` [N m] at rest: `stretch_torque` turned round."""
-    x = C / cables.stiffness[i]  # zero for a rigid one
-    if abs(C) > cables.slack[i]:
-        x = np.sign(C) * (2.0 * abs(C) - cables.slack[i]) / cables.stiffness[i]
-    return x + np.sign(C) * cables.half_gap[i]
+@register_jitable
+def strained(C, stiffness, slack):
+    """Stretch [rad] at which cables hold torques `C` [N m] at rest, zero for rigid ones: `stretch_torque` turned round.
+
+    Without its gap and damping.
+    """
+    return (C + np.sign(C) * np.maximum(np.abs(C) - slack, 0.0)) / stiffness
 
 
 def stretched(cables: Cables, C: np.ndarray, step: float) -> np.ndarray:
     """Lost length (N, n) [rad] of cables under slowly changing torques C (N, n): elasticity, slack, gap."""
-    beyond = np.maximum(np.abs(C) - cables.slack, 0.0)
-    x = (C + np.sign(C) * beyond) / cables.stiffness
+    x = strained(C, cables.stiffness, cables.slack)
     lag = np.where(np.isfinite(cables.stiffness), cables.damping / cables.stiffness, 0.0)
     return x - lag * np.gradient(x, step, axis=0) + cables.half_gap * np.tanh(C / 0.02)
 
