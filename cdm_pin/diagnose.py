@@ -20,6 +20,7 @@ from .explain import (
     Explanation,
     Found,
     asked_but_for_laws,
+    drowned,
     evidence,
     explain,
     explained,
@@ -37,7 +38,7 @@ from .recording import Recording
 from .regions import region
 from .replay import Replay, simulated_position
 from .replay_runs import replay_runs
-from .selection import Fit, ProgressCallback, Search, Settings, errors, rms
+from .selection import Fit, ProgressCallback, Search, Settings, all_candidates, errors, rms
 from .soft import softest
 from .unexplained import (
     at_corrections,
@@ -150,9 +151,7 @@ def diagnose(
     base = base_parameters(model, columns=massive_columns(model))
     search = Search(problem, base, settings)
     search = search.about(search.fit([]))
-    first = explain(search.with_drift(), progress)
-    if first.search.is_swamped(first.fit):
-        first = explain(search, progress)
+    first = _beside_drifts(search, progress)
     seen = make_problem(model, unseen, problem.band) if unseen else None
     soft = _swinging(Search(problem, base, settings), seen, first, progress)
     judge, explanation = _validated(seen, soft)
@@ -171,6 +170,30 @@ def diagnose(
     say("sensitivities", 0.95)
     disputed = bool(lost) or rough or is_far(explanation.search, explanation.fit)
     return _report(model, judge, explanation, disputed and not first.everywhere)
+
+
+def _beside_drifts(search: Search, progress: ProgressCallback | None) -> Explanation:
+    """Explain the recordings beside drifting zeros, where these drift; anew if pushes that were found hid it."""
+    first = explain(_drifting(search), progress)
+    if first.search.is_swamped(first.fit):
+        return explain(search, progress)
+    found = [f.candidate for f in first.found]
+    if any(c.effect.name == "external_torque" for c in found):
+        again = search.with_drift(found)
+        if again.drift is not None and not again.drift.is_like(first.search.drift):
+            return explain(again, progress)
+    return first
+
+
+def _drifting(search: Search) -> Search:
+    """Give the search with drifting zeros beside the rigid body; with quick drifts only where no push explains them."""
+    own = search.with_drift()
+    if own.drift is None or not own.drift.quicker:
+        return own
+    slow = search.with_drift(most=0)
+    push = drowned(slow, slow.bank(all_candidates(search.problem, ["external_torque"])), [])
+    beside = own if push is None else search.with_drift([push[1]])
+    return own if beside.drift is not None and beside.drift.quicker >= own.drift.quicker else beside
 
 
 def _swinging(

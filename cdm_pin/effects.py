@@ -179,8 +179,14 @@ class Effect:
     reference: str = ""
     nuisance_shape: int = field(default=0)  # leading elements of the shape that are smoothing, not physics
     counts: bool = True  # whether its shape counts as parameters beside its coefficients
+    sized_by: str = ""  # the parameter that its first coefficient is, if not the first one
     reach: float = 0.35  # share of the (logarithmic) range of a shape that one estimate may move through
     inverse: Callable[[dict[str, float]], tuple[list[float], list[float]]] | None = None  # of `physical`
+
+    @property
+    def size(self) -> Parameter:
+        """What its first coefficient is."""
+        return next((p for p in self.parameters if p.name == self.sized_by), self.parameters[0])
 
     def coefficients(self, parameters: dict[str, float]) -> tuple[Vector, Shape]:
         """Turn physical parameters (and the `width` of a smooth sign, in rad/s or N m) into coefficients and shape."""
@@ -1369,6 +1375,7 @@ CATALOGUE: dict[str, Effect] = {
             reference="Dahl 1968; Maxwell-slip: Lampaert, Swevers, Al-Bender 2002",
             detail=_stops,
             error=0.1,
+            sized_by="limit",
         ),
         Effect(
             "friction_drift",
@@ -1494,6 +1501,7 @@ CATALOGUE: dict[str, Effect] = {
             plausible=lambda beta, shape, detail: abs(shape[1]) > UNCOUPLED,
             detail=_coupling_transition,
             error=0.02,
+            sized_by="inertia",
         ),
         Effect(
             "pulley_eccentricity",
@@ -1855,8 +1863,19 @@ def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]], *, swing
     return motion if moved.swing is None else _loaded(moved, effects)
 
 
+def _slope_of(motion: Motion, spring: Candidate, beta: Vector) -> Vector:
+    """Differentiate the torque of a spring by the joints' angles, shape (n, n_joints)."""
+    A, h = np.array(spring.place.A), 1e-4
+    sides = [spring.effect.columns(replace(motion, q=motion.q + step), spring.place, spring.shape) for step in (h, -h)]
+    up, down = (beta @ side.along[0][: len(beta)] for side in sides if side.along is not None)
+    return ((up - down) / (2 * h))[:, None] * A
+
+
 def _loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motion:
-    motion = replace(motion, offset=None, tilt=None, extra_driven=None, shift=None, map_errors=())
+    motion = replace(motion, offset=None, tilt=None, extra_driven=None, shift=None, map_errors=(), sprung=None)
+    springs = [(c, beta) for c, beta in effects if c.effect.name == "joint_spring"]
+    if springs:
+        motion = replace(motion, sprung=np.sum([_slope_of(motion, c, beta) for c, beta in springs], axis=0))
     joint, motor = np.zeros_like(motion.q), np.zeros_like(motion.q_m)
     moving = [(c.effect.moves, c, beta) for c, beta in effects if c.effect.moves is not None]
     for moves, candidate, beta in sorted(moving, key=lambda item: item[1].effect.follows):

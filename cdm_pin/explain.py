@@ -32,6 +32,8 @@ STRONG = 400.0
 ROUNDED = 2.0
 """How many times the torque that steps of encoders bring a correction without a name has to make."""
 PREFERENCE = 2.0
+EVIDENT = 5.0
+"""By how much log-evidence more a law is named that has more parameters than the likelihood seems to ask for."""
 """By how much log-likelihood less a simpler law, dry friction above all, is named nevertheless."""
 
 
@@ -269,6 +271,10 @@ def _simplest_at(explanation: Explanation, j: int, taken: Sequence[tuple[str, st
     alike = [best]
     alike += [c for c, d in rivals if c is not best and d - lead > -(slack if c.key in here else search.settings.close)]
     if best.named:
+        own = evidence(search, without, best, found.score.statistic)
+        more = [c for c, _ in rivals if c not in alike and is_plausible(c, search.score(without, c), without.effects)]
+        alike += [c for c in more if evidence(search, without, c, found.score.statistic) > own + EVIDENT]
+    if best.named:
         simplest = min(search.size(c) for c in alike)
         for c in sorted((c for c, _ in rivals if c.key in here and search.size(c) < simplest), key=search.size):
             if _is_all_but_errors(search, without, best, c):
@@ -404,7 +410,7 @@ def _grow(search: Search, bank: Bank, accepted: list[Candidate], say: Reporter) 
             alone = drowned(search, bank, accepted)
             if alone is None:
                 break
-            clear = search.fit(accepted, alone)
+            clear = search.fit(accepted, alone[0])
         leaders = [c for c, _, _ in _leaders(search, clear, bank, 12, accepted)]
         say.looked(clear, leaders)
         winner = _winner(search, clear, leaders)
@@ -706,8 +712,8 @@ def _shouted(search: Search, clear: Fit, bank: Bank, taken: Sequence[Candidate])
     return any(_passes(search, *leader, clear) for leader in loud)
 
 
-def drowned(search: Search, bank: Bank, taken: Sequence[Candidate], most: int = 6) -> Whitener | None:
-    """Give the noise beside a slow effect that passes for slow noise as long as it is not in the model; None if none.
+def drowned(search: Search, bank: Bank, taken: Sequence[Candidate], most: int = 6) -> tuple[Whitener, Candidate] | None:
+    """Find a slow effect that passes for slow noise as long as it is not in the model; give the noise beside it, too.
 
     Such an effect is looked for in white noise, and has to be significant by the likelihood ratio of the models with it
     and without it, each in a noise of its own; what is estimated of its shape counts.
@@ -726,7 +732,7 @@ def drowned(search: Search, bank: Bank, taken: Sequence[Candidate], most: int = 
         whole = replace(score, statistic=min(ratio, score.statistic), k=score.k + candidate.extra)
         p = family_wise(whole, candidate, weight)
         if p < min(alarm, best) and _passes(search, candidate, score, weight, fit):
-            best, alone = p, whitener
+            best, alone = p, (whitener, candidate)
     return alone
 
 

@@ -154,6 +154,10 @@ def parameters(candidate: Candidate, beta: Vector, covariance: Vector) -> dict[s
     return out
 
 
+LAST = ("coulomb_friction", "cable_friction", "capstan_friction")
+"""What is dry friction, too, at one pretension."""
+POSTURE = ("encoder_offset", "base_tilt")
+"""What moves links to where no encoder says they are, at rest already."""
 EQUAL = 0.9999
 """Canonical correlation of dry friction with what is dry friction on these data."""
 LEAST = 0.002
@@ -257,7 +261,7 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
         asked = rubs or not within
         likeness = canonical_correlation(search, without, found.candidate, rival) if asked else 0.0
         if within or likeness > settings.same:
-            alike.append((rubs and likeness > EQUAL, rival))
+            alike.append((rubs and likeness > EQUAL and rival.effect.name in LAST, rival))
     for _, rival in sorted(alike, key=lambda item: item[0]):  # bearings, guides and capstans last
         add(rival.effect.name, rival.location)
     effect = found.candidate.effect
@@ -269,7 +273,17 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
             add(effect.name, alias)
     for other in coupled_alike(search.problem.model, found.candidate):
         add("transmission_coupling", other)
+    for play in _uncrossed(search, explanation) if effect.name in POSTURE else ():
+        short = found.score.statistic - search.score(without, play).statistic
+        if short < 2 * close and canonical_correlation(search, without, found.candidate, play) > settings.same:
+            add(play.effect.name, play.location)
     return out
+
+
+def _uncrossed(search: Search, explanation: Explanation) -> list[Candidate]:
+    """List the plays of cables that never change sides on these recordings: offsets of encoders, then."""
+    plays = [c for c in explanation.bank.laws.candidates if c.effect.name == "backlash" and not search.is_crossed(c)]
+    return list({c.key: c for c in plays}.values())
 
 
 def _leaning(search: Search, without: Fit, found: Found) -> list[tuple[Candidate, float]]:
@@ -315,7 +329,7 @@ def sensitivities(search: Search, explanation: Explanation) -> list[dict[str, An
         k = max(score.k, 1)
         z = np.sqrt(threshold(search.settings.alarm, weight, k)) + 1.2816
         beta = z / score.norm if score.norm > 0 else np.inf
-        visible, first = score.visible if np.isfinite(score.visible) else 0.0, candidate.effect.parameters[0]
+        visible, first = score.visible if np.isfinite(score.visible) else 0.0, candidate.effect.size
         row = {
             "effect": candidate.effect.name,
             "location": candidate.location,

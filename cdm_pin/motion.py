@@ -190,6 +190,8 @@ class Motion:
         How far known errors of the cable map move the joints from where the motors say they are [rad].
     map_errors : tuple of (int, int, ndarray, shape (n,))
         Known errors of the cable map: cable, joint, and how much more the cable runs per angle of that joint.
+    sprung : ndarray, shape (n, n_joints), optional
+        How stiff known springs at the joints are where the motion passes [N m/rad].
     felt : Felt, optional
         What the motors alone tell of where the joints are, where no encoder does.
     swing : Swing, optional
@@ -217,6 +219,7 @@ class Motion:
     extra_driven: Vector | None = None
     shift: Vector | None = None
     map_errors: tuple[tuple[int, int, Vector], ...] = ()
+    sprung: Vector | None = None
     felt: Felt | None = None
     swing: Swing | None = None
 
@@ -386,9 +389,9 @@ class Motion:
         return out
 
     def torque_change(self, d: Vector, rates: tuple[Vector, Vector] | None = None) -> Vector:
-        r"""Differentiate the motors' rigid-body torque along a change of joint positions.
+        r"""Differentiate the motors' torque, of the rigid body and known springs, along a change of joint positions.
 
-        :math:`E'(\partial_q \tau\, d + \partial_v \tau\, \dot d + \partial_a \tau\, \ddot d)`.
+        :math:`E'((\partial_q \tau + K)\, d + \partial_v \tau\, \dot d + \partial_a \tau\, \ddot d)`.
 
         Parameters
         ----------
@@ -403,16 +406,17 @@ class Motion:
             [N m per unit of the effect].
         """
         d1, d2 = rates if rates is not None else derivatives(d, self.rate)
+        springs = 0.0 if self.sprung is None else (self.sprung * d) @ self.model.joint_from_motor
         if 3 * self.model.n_joints * self.n * self.model.n_motors < MUCH:
             change = np.zeros((self.n, self.model.n_motors))
             for slopes, x in zip(self.torque_slopes, (d, d1, d2), strict=True):
                 for slope, column in zip(slopes, x.T, strict=True):
                     change += slope * column[:, None]
-            return change
-        return self.torque_along(d, (d1, d2))
+            return change + springs
+        return self.torque_along(d, (d1, d2)) + springs
 
     def torque_along(self, d: Vector, rates: tuple[Vector, Vector]) -> Vector:
-        """Do as `torque_change` does, by a central difference along this one direction: less work where it is alone."""
+        """Differentiate the rigid body's torque by a central difference along this one direction: less work there."""
         d1, d2 = rates
         h = 1e-4 / max(float(np.abs(d).max()), 1e-12)
         plus = inverse_dynamics(self.model, self.q + h * d, self.v + h * d1, self.a + h * d2)

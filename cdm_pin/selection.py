@@ -357,10 +357,11 @@ class Search:
         """Number of columns of the rigid body and its payload."""
         return self.n_rigid - (len(self.drift.columns[0]) if self.drift else 0)
 
-    def with_drift(self, effects: Sequence[Candidate] = ()) -> Search:
+    def with_drift(self, effects: Sequence[Candidate] = (), most: int = QUICKER) -> Search:
         """Give the same search with the slow shapes of sensors' zeros beside the rigid body, where the data show them.
 
-        Judged in what effects and smooth functions of the state leave over, by the frequencies next to theirs.
+        Judged in what effects and smooth functions of the state leave over, by the frequencies next to theirs; at most
+        so many waves are quicker than usual.
         """
         problem, rate = self.problem, self.problem.band.reduced_rate
         if not problem.torque or not any(problem.segments):
@@ -371,7 +372,7 @@ class Search:
         if not channels:
             return self
         quicker = 0
-        while quicker < QUICKER and set(channels) & set(drifting_channels(*seen, quicker + 1)):
+        while quicker < most and set(channels) & set(drifting_channels(*seen, quicker + 1)):
             quicker += 1
         drift = Drift(self._waves(channels, LONG, quicker), tuple(channels), quicker)
         search = Search(problem, self.base, self.settings, self.held, drift)
@@ -385,6 +386,7 @@ class Search:
         """Whether the drift in a fit is so much larger than what is left that it is no drift of a sensor."""
         if self.drift is None:
             return False
+        fit = self.fit([c for c in fit.effects if c.named], fit.whitener)  # others wander themselves
         own = fit.base[self.n_bodies : self.n_rigid]
         drift = [np.tensordot(own, columns, 1) for columns in self.drift.columns]
         rest = self.still(errors(self, fit.base, fit.effects, fit.beta))

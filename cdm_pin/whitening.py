@@ -127,25 +127,33 @@ class Whitener:
 
 
 @numba.njit(cache=True, fastmath=True, nogil=True)
+def _innovations(coefficients, x, y):
+    order = len(coefficients)
+    for t in range(len(x) - order):
+        predicted = 0.0
+        for k in range(order):
+            predicted += coefficients[k] * x[t + k]
+        y[t] = x[t + order] - predicted
+
+
+@numba.njit(cache=True, fastmath=True, nogil=True)
 def _whiten(series, weights, owner, bounds, coefficients, mix, out, first_row):
     """Filter every series by 1 - sum_k c_k z^-k of each channel that sees it, mix the channels, add to its column.
 
     What is whitened stands in rows from `first_row` on.
     """
     n_channels, order = coefficients.shape
+    reversed_ = np.ascontiguousarray(coefficients[:, ::-1])
+    y = np.empty(series.shape[1])
     for m in range(len(series)):
         x, column = series[m], out[owner[m]]
         row = first_row
         for s in range(len(bounds)):
-            first, n = bounds[s, 0] + order, bounds[s, 1] - bounds[s, 0] - order
+            first, n = bounds[s, 0], bounds[s, 1] - bounds[s, 0] - order
             for c in range(n_channels):
                 if weights[m, c] == 0.0:
                     continue
-                y = x[first : first + n].copy()
-                for k in range(order):
-                    a, shift = coefficients[c, k], first - k - 1
-                    for t in range(n):
-                        y[t] -= a * x[shift + t]
+                _innovations(reversed_[c], x[first : first + n + order], y)
                 for r in range(c, n_channels):
                     g = mix[r, c] * weights[m, c]
                     if g != 0.0:

@@ -20,8 +20,8 @@ W = np.array([1.1, 1.7])
 T = np.arange(0, 60, 0.005)
 
 
-def recording(seed, drift=0.0, coulomb=0.0, correlation=0.7):
-    """One minute of the paper's arm: autoregressive noise of 0.02 N m, a slow wave, dry friction of joint 2."""
+def recording(seed, drift=0.0, coulomb=0.0, correlation=0.7, push=0.0):
+    """One minute of the paper's arm: autoregressive noise of 0.02 N m, slow wave; joint 2 rubs and is pushed."""
     model, rng = load_model(ARM), np.random.default_rng(seed)
     phase = rng.uniform(0, 6, (3, 2))
     angles = [k * W * T[:, None] + p for k, p in zip((1, 2.3), phase, strict=False)]
@@ -29,6 +29,7 @@ def recording(seed, drift=0.0, coulomb=0.0, correlation=0.7):
     v = 0.6 * sum(k * W * np.cos(x) for k, x in zip((1, 2.3), angles, strict=True))
     a = -0.6 * sum((k * W) ** 2 * np.sin(x) for k, x in zip((1, 2.3), angles, strict=True))
     tau = inverse_dynamics(model, q, v, a) + coulomb * np.tanh(v / 0.01) * np.array([0.0, 1.0])
+    tau[(T > 20.0) & (T < 24.0), 1] -= push
     white = 0.02 * np.sqrt(1 - correlation**2) * rng.standard_normal(q.shape)
     noise = lfilter([1.0], [1.0, -correlation], white, axis=0)
     slow = drift * np.sin(2 * np.pi * 0.019 * T[:, None] + phase[2])
@@ -101,3 +102,13 @@ def test_small_friction_is_found_beside_a_drift(coulomb):
     assert len(named) == 1
     assert "friction" in named[0][0]
     assert named[0][1] == 2
+
+
+def test_a_push_is_no_quick_drift():
+    """A push of some seconds, beside a drift, is not taken for a zero that moves more quickly."""
+    runs = [recording(20, drift=0.02, push=0.15), recording(21, drift=0.02)]
+    content = diagnose(load_model(ARM), runs[:1], runs[1:]).content
+    (finding,) = content["findings"]
+    assert (finding["effect"], finding["location"]["index"]) == ("external_torque", 2)
+    assert finding["time"] == pytest.approx([20.0, 24.0], abs=0.3)
+    assert finding["parameters"]["torque"]["value"] == pytest.approx(0.15, abs=0.02)

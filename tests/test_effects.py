@@ -432,3 +432,28 @@ def test_a_tilt_shows_what_a_level_base_hides():
     assert np.abs(left).max() < 1e-9
     level = build_model(parse_manipulator(planar_content(2, 3)))
     assert np.abs(further(make_motion(level), place, (), base_parameters(level), np.array([0.05])).torque).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", sorted(set(CATALOGUE) - {"cable_elasticity", "cable_slack", "torque_gain_error"}))
+def test_sensitivities_name_the_parameter_that_is_given(name):
+    """The first coefficient alone is the parameter that stands beside the amplitude."""
+    effect = CATALOGUE[name]
+    beta, shape = effect.coefficients(PARAMETERS[name])
+    beta = np.where(np.arange(max(len(beta), len(effect.signs), 1)) == 0, 0.7, 0.0)
+    if name in ("torque_ripple", "pulley_eccentricity"):
+        beta[1:] = 0.0
+    assert effect.physical(beta, shape)[effect.size.name] == pytest.approx(0.7)
+
+
+def test_a_wrong_map_feels_the_springs():
+    """Where links stand elsewhere than the motors say, a known spring pulls otherwise, too."""
+    model = build_model(parse_manipulator(planar_content(2, 3)))
+    motion = make_motion(model)
+    spring = Candidate(CATALOGUE["joint_spring"], CATALOGUE["joint_spring"].places(model)[1], (1.0,))
+    beta = np.array([2.0, 0.3, -0.4, 0.7])
+    d = 0.02 * np.sin(motion.q)
+    f = [spring.columns(replace(motion, q=motion.q + k * d)).along for k in (1e-3, -1e-3)]
+    due = (beta @ f[0][0] - beta @ f[1][0])[:, None] * f[0][1] / 2e-3
+    more = loaded(motion, [(spring, beta)]).torque_change(d) - motion.torque_change(d)
+    np.testing.assert_allclose(more, due, atol=1e-6)
+    assert np.ptp(due) > 0.01

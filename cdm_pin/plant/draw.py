@@ -114,7 +114,7 @@ def draw(
 ) -> Trial:
     """Draw a blind trial; what is left open is drawn too.
 
-    An arm whose servo cannot follow is drawn again with a slower reference.
+    An arm whose servo cannot follow is drawn again with a slower reference, and one that follows none anew.
 
     Parameters
     ----------
@@ -155,26 +155,26 @@ def draw(
     InputError
         If an effect is unknown or cannot be shown by the positions asked for.
     SimulationError
-        If the servo cannot follow at any speed tried.
+        If the servo cannot follow at any speed tried, on any arm tried.
     """
     settings = {name: value for name, value in locals().items() if name != "seed"}
-    for slower in _SLOWER[:-1]:
+    tries = [([seed, again] if again else seed, slower) for again in range(_ANEW) for slower in _SLOWER]
+    for own, slower in tries[:-1]:
         try:
-            return _draw(seed, slower, **settings)
+            return _draw(seed, np.random.default_rng(own), slower, **settings)
         except SimulationError:
             continue
-    return _draw(seed, _SLOWER[-1], **settings)
+    return _draw(seed, np.random.default_rng(tries[-1][0]), tries[-1][1], **settings)
 
 
-_SLOWER = (1.0, 0.75, 0.55, 0.4)
+_SLOWER, _ANEW = (1.0, 0.75, 0.55, 0.4), 3
 _LINKS, _SHARE = (2, 3, 4, 5, 6), (0.3, 0.35, 0.1, 0.2, 0.05)
 
 
 def _draw(
-    seed, slower, n_links, effects, size, visibility, at_least, out_of_catalogue, positions, bits, noise, motion, plant,
-    jitter, tensions, rate, duration, n_recordings, n_holdout, conditions,
+    seed, rng, slower, n_links, effects, size, visibility, at_least, out_of_catalogue, positions, bits, noise, motion,
+    plant, jitter, tensions, rate, duration, n_recordings, n_holdout, conditions,
 ) -> Trial:  # fmt: skip
-    rng = np.random.default_rng(seed)
     n = int(n_links or rng.choice(_LINKS, p=_SHARE))
     names = _names(rng, effects, n, _table(plant, out_of_catalogue), positions)
     compliant = any(EVERYTHING[name].compliant for name in names)
