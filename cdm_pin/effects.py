@@ -490,7 +490,7 @@ def extremes(beta: Vector, shape: Shape, detail: float) -> tuple[float, float]:
 
 def _peaks(beta: Vector, shape: Shape, detail: float) -> bool:
     """Whether friction rises towards standstill, and no more than it may."""
-    least, peak = extremes(beta, shape, detail) if detail else (0.0, np.inf)
+    least, peak = extremes(beta, shape, detail)
     return bool(least > -UNDONE and peak > 1.0 + RISEN and beta[1] <= PEAK * beta[0])
 
 
