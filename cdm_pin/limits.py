@@ -16,6 +16,7 @@ from .files import check_keys, read_yaml
 from .geometry import Vector, frozen_array
 from .model import CableModel
 from .routing import joint_limits
+from .units import joint_units, motor_units
 
 DEFAULT_VELOCITY = 1.0  # [rad/s or m/s]
 DEFAULT_ACCELERATION = 2.0  # [rad/s^2 or m/s^2]
@@ -146,7 +147,7 @@ def parse_limits(content: Mapping[str, Any], model: CableModel) -> Limits:
             if position[i, 0] >= position[i, 1]:
                 low, high = own.position[i]
                 raise InputError(
-                    f"{asked} lies outside what the mechanism allows, {low:.4g} to {high:.4g} rad",
+                    f"{asked} lies outside what the mechanism allows, {low:.4g} to {high:.4g} {joint_units(model)[i]}",
                     place=f"{place}.position",
                 )
         if "velocity" in joint:
@@ -207,10 +208,11 @@ def check_posture(model: CableModel, limits: Limits, q: Vector) -> None:
     zero = np.zeros((1, model.n_joints))
     tau_m = motor_torques(model, np.atleast_2d(q), zero, zero)[0]
     worst = int((np.abs(tau_m) / limits.motor_torque).argmax())
+    unit = motor_units(model, True)[worst]
     if abs(tau_m[worst]) >= limits.motor_torque[worst]:
         raise InfeasibleLimits(
-            f"infeasible limits: standing still at the middle of the excitation takes {abs(tau_m[worst]):.4g} N m at "
-            f"motor {worst + 1}, {limits.motor_torque[worst]:.4g} N m are allowed (torque limit or cable tension)"
+            f"infeasible limits: standing still at the middle of the excitation takes {abs(tau_m[worst]):.4g} {unit} "
+            f"at motor {worst + 1}, {limits.motor_torque[worst]:.4g} {unit} are allowed (torque limit or cable tension)"
         )
 
 

@@ -30,6 +30,7 @@ from .signals import Signals, prepare
 from .signals_checks import check
 from .signals_filters import differentiate, lowpass, moves, noise_floor, spectrum
 from .terms import Plan, Term
+from .units import either, motor_units
 from .whitening import Segments
 
 BLOCK = 4096  # samples of the recording
@@ -439,7 +440,8 @@ def _torque_check(model: CableModel, signals: Signals) -> tuple[str, ...]:
         return ()
     difference = signals.channels["motor_torque"] - model.motor_torque(signals.channels["joint_torque"])
     rms = np.sqrt(np.mean(difference[signals.valid] ** 2, axis=0)) if signals.valid.any() else np.zeros(0)
-    return (f"motor torques are fitted; E' joint_torque differs from them by {_list(rms)} N m rms",)
+    unit = either(motor_units(model, True))
+    return (f"motor torques are fitted; E' joint_torque differs from them by {_list(rms)} {unit} rms",)
 
 
 def _list(values: Vector) -> str:

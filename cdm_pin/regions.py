@@ -82,8 +82,8 @@ def _regions(candidate: Candidate, motion: Motion, step: int, n: int) -> Iterabl
     unit = unit_at(motion.model, candidate.location, "rad")
     yield f"around reversals of {words}", np.abs(v) < 0.25 * usual
     yield f"at high speed of {words}", np.abs(v) > 1.3 * usual
-    yield f"while {words} turns forwards", v > 0.1 * usual
-    yield f"while {words} turns backwards", v < -0.1 * usual
+    yield f"while {words} moves forwards", v > 0.1 * usual
+    yield f"while {words} moves backwards", v < -0.1 * usual
     edges = np.linspace(float(x.min()), float(x.max()) + 1e-12, BINS + 1)
     for low, high in itertools.pairwise(edges):
         yield f"around {words} at {0.5 * (low + high):.2g} {unit}", (x >= low) & (x < high)

@@ -28,6 +28,7 @@ from ..limits import (
 from ..model import CableModel, load_model
 from ..objectives import ObjectiveName, make_objective, predicted_errors
 from ..recording import Recording, save_recording
+from ..units import either, joint_units
 
 INTERRUPTED = 130
 NOISE_SHARE = 0.01  # of the root mean square motor torque
@@ -81,7 +82,8 @@ def run(args: argparse.Namespace) -> int:
     if args.figure:
         _draw(design, args.objective, args.figure)
     if not args.limits:
-        moderate = f"{DEFAULT_VELOCITY:g} rad/s and {DEFAULT_ACCELERATION:g} rad/s^2"
+        unit = either(joint_units(model))
+        moderate = f"{DEFAULT_VELOCITY:g} {unit} per s and {DEFAULT_ACCELERATION:g} {unit} per s^2"
         notice(args, f"no limits given; used: the mechanism's with a margin, {moderate}")
     emit(args, result, *_tables(args, design, excitation, errors, shares))
     unseen = [error.name for error in errors if not np.isfinite(error.std)]
