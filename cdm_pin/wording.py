@@ -50,7 +50,7 @@ _CLAUSES = {
     "quadratic_drag": "{place} is held back by drag that grows with the square of its speed, {coefficient}",
     "load_dependent_friction": "{place} rubs more the more its bearing is loaded, {coefficient}",
     "torque_dependent_friction": "{place} rubs more the more torque it transmits, {coefficient}",
-    "position_dependent_friction": "{place} rubs more at some angles than at others[, {coulomb} on average]",
+    "position_dependent_friction": "{place} rubs more at some positions than at others[, {coulomb} on average]",
     "cable_friction": "{place} rubs on its guides and loses {coulomb}",
     "capstan_friction": "{place} rubs around its pulleys with a friction coefficient of {mu}, more under more tension",
     "hysteresis": "{place} gives before it slips: hysteresis of {limit}[ behind a stiffness of {stiffness}]",
@@ -58,6 +58,8 @@ _CLAUSES = {
     "friction_drift": "{place} starts with {extra:%} more friction than it settles to[, with a time constant of "
     "{time_constant}]",
     "joint_spring": "{place} is pulled by a spring of {stiffness}[ towards {rest}]",
+    "spring_away": "{place} is pushed away[ from {rest}] by a spring of {stiffness}",
+    "spring_that_stiffens": "{place} is pulled by a spring that stiffens, {cubic}",
     "cable_elasticity": "{place} stretches, with a stiffness of {stiffness}[ and a damping of {damping}]",
     "backlash": "{place} has lost motion of {half_gap} to each side at every reversal",
     "cable_slack": "{place} goes slack on one side once its torque passes {torque}",
@@ -77,6 +79,7 @@ _CLAUSES = {
 
 _MOST = 4  # findings whose sizes a sentence says, and doubts; what is more is counted
 _ERRORS = {"N m": "torque", "N": "force"}
+_ANGLE_KNOWN = 0.3  # [rad]
 _COUNTS = ("No", "One thing is", "Two things are", "Three things are", "Four things are", "Five things are")
 
 
@@ -186,7 +189,8 @@ def clause(finding: Content) -> str:
     """Say one finding: what happens, where, how large; without capital and full stop."""
     effect, parameters = str(finding.get("effect")), finding.get("parameters") or {}
     where = place(finding.get("location") or {})
-    template = _CLAUSES.get("tension_hysteresis" if finding.get("memory") == "cable tension" else effect)
+    special, parameters = _special(finding, parameters)
+    template = _CLAUSES.get(special or effect)
     text = _fill(template, where, parameters) if template else None
     if text is None:
         sizes = ", ".join(f"{name.replace('_', ' ')} {quantity(p)}" for name, p in parameters.items())
@@ -194,10 +198,35 @@ def clause(finding: Content) -> str:
     return text + _when(finding) + (" (unconfirmed)" if unconfirmed(finding) else "")
 
 
+def _special(finding: Content, parameters: Content) -> tuple[str, Content]:
+    """Give the clause of a law that does not do what its name says at first, and the parameters to fill it with."""
+    stiffness = parameters.get("stiffness")
+    if finding.get("memory") == "cable tension":
+        return "tension_hysteresis", parameters
+    if finding.get("effect") != "joint_spring" or not isinstance(stiffness, Mapping):
+        return "", parameters
+    if not _is_known(stiffness) and _is_known(parameters.get("cubic")):
+        return "spring_that_stiffens", parameters
+    if stiffness["value"] < 0.0:
+        return "spring_away", {**parameters, "stiffness": {**stiffness, "value": -stiffness["value"]}}
+    return "", parameters
+
+
+def _is_known(parameter: Any) -> bool:
+    """Whether a parameter is more than twice its standard error; an angle, where it is to a third of a radian."""
+    if not isinstance(parameter, Mapping):
+        return parameter is not None
+    if not parameter.get("value"):
+        return False
+    least = _ANGLE_KNOWN if parameter.get("unit") == "rad" else 0.5 * abs(parameter["value"])
+    return (parameter.get("std") or 0.0) < least
+
+
 def _fill(template: str, where: str, parameters: Content) -> str | None:
-    """Fill a clause; None if a parameter outside [brackets] is missing."""
+    """Fill a clause; None if a parameter outside [brackets] is missing; inside, what is hardly known is left out."""
     parts = template.replace("]", "[").split("[")
-    texts = [_fill_part(part, where, parameters) for part in parts]
+    known = {name: parameter for name, parameter in parameters.items() if _is_known(parameter)}
+    texts = [_fill_part(part, where, known if k % 2 else parameters) for k, part in enumerate(parts)]
     if any(text is None for text in texts[::2]):
         return None
     return "".join(text or "" for text in texts)

@@ -184,3 +184,22 @@ def test_numbers_and_quantities():
     assert number(0.0201) == "0.0201" and number(12345.6) == "12346" and number(None) == "unknown"
     assert quantity({"value": 0.0349, "std": 0.001, "unit": "rad"}) == "0.0349 ± 0.0010 rad (2 deg)"
     assert quantity({"value": 4.0, "std": 0.5, "unit": "1"}) == "4.0 ± 0.5"
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "rest", "cubic", "said"),
+    [
+        ((2.0, 0.1), (0.3, 0.01), (0.0, 0.1), "joint 2 is pulled by a spring of 2.00 ± 0.10 N m/rad towards 0.300"),
+        ((2.0, 0.1), (4.0, 5.0), (0.0, 0.1), "joint 2 is pulled by a spring of 2.00 ± 0.10 N m/rad"),
+        ((-0.017, 0.002), (1.26, 0.02), (0.1, 0.2), "joint 2 is pushed away from 1.26 ± 0.02 rad (72 deg) by"),
+        ((0.1, 0.4), (0.3, 0.01), (0.7, 0.02), "joint 2 is pulled by a spring that stiffens, 0.70 ± 0.02 N m/rad^3"),
+    ],
+)
+def test_a_spring_is_said_as_far_as_it_is_known(stiffness, rest, cubic, said):
+    """No rest that is not known, no pull that pushes, no stiffness where all is in the cubic part."""
+    units = {"stiffness": "N m/rad", "rest": "rad", "cubic": "N m/rad^3"}
+    values = {"stiffness": stiffness, "rest": rest, "cubic": cubic}
+    parameters = {k: {"value": v, "std": s, "unit": units[k]} for k, (v, s) in values.items()}
+    text = clause({"effect": "joint_spring", "location": {"kind": "joint", "index": 2}, "parameters": parameters})
+    assert text.startswith(said)
+    assert ("towards" in text) == (rest[1] < 0.3 and stiffness[0] > 1.0)
