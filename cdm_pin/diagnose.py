@@ -173,27 +173,40 @@ def diagnose(
 
 
 def _beside_drifts(search: Search, progress: ProgressCallback | None) -> Explanation:
-    """Explain the recordings beside drifting zeros, where these drift; anew if pushes that were found hid it."""
+    """Explain the recordings beside drifting zeros, where these drift; anew if pushes that were found hid, or made, it.
+
+    The likelier explanation stands.
+    """
     first = explain(_drifting(search), progress)
     if first.search.is_swamped(first.fit):
         return explain(search, progress)
     found = [f.candidate for f in first.found]
-    if any(c.effect.name == "external_torque" for c in found):
-        again = search.with_drift(found)
-        if again.drift is not None and not again.drift.is_like(first.search.drift):
-            return explain(again, progress)
-    return first
+    if not any(c.effect.name == "external_torque" for c in found):
+        return first
+    again = search.with_drift(found)
+    if again.drift is first.search.drift or (again.drift is not None and again.drift.is_like(first.search.drift)):
+        return first
+    second = explain(again, progress)
+    better = _likelihood(second.search, [f.candidate for f in second.found]) > _likelihood(first.search, found)
+    return second if better and not second.search.is_swamped(second.fit) else first
 
 
-def _drifting(search: Search) -> Search:
-    """Give the search with drifting zeros beside the rigid body; with quick drifts only where no push explains them."""
+def _drifting(search: Search, most: int = 3) -> Search:
+    """Give the search with drifting zeros beside the rigid body; quick ones only where no pushes are likelier."""
     own = search.with_drift()
     if own.drift is None or not own.drift.quicker:
         return own
-    slow = search.with_drift(most=0)
-    push = drowned(slow, slow.bank(all_candidates(search.problem, ["external_torque"])), [])
-    beside = own if push is None else search.with_drift([push[1]])
-    return own if beside.drift is not None and beside.drift.quicker >= own.drift.quicker else beside
+    slow, pushes = search.with_drift(most=0), []
+    bank = slow.bank(all_candidates(search.problem, ["external_torque"]))
+    while len(pushes) < most:
+        push = drowned(slow, bank, pushes)
+        if push is None:
+            break
+        pushes.append(push[1])
+    if not pushes:
+        return own
+    beside = search.with_drift(pushes)
+    return beside if _likelihood(beside, pushes) > _likelihood(own, []) else own
 
 
 def _swinging(

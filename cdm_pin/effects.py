@@ -185,8 +185,8 @@ class Effect:
 
     @property
     def size(self) -> Parameter:
-        """What its first coefficient is."""
-        return next((p for p in self.parameters if p.name == self.sized_by), self.parameters[0])
+        """What its first coefficient is; of a gain what it is off by, of a stiffness its inverse, of slack neither."""
+        return {p.name: p for p in self.parameters}[self.sized_by or self.parameters[0].name]
 
     def coefficients(self, parameters: dict[str, float]) -> tuple[Vector, Shape]:
         """Turn physical parameters (and the `width` of a smooth sign, in rad/s or N m) into coefficients and shape."""
@@ -696,6 +696,11 @@ def _spring(motion: Motion, place: Place, shape: Shape) -> Columns:
     if not shape[0]:
         return _rub(motion, place, q, -np.ones_like(q))
     return _rub(motion, place, q, -np.ones_like(q), q**2, q**3)
+
+
+def _powers(beta: Vector) -> Vector:
+    """Turn the coefficients of a spring into those of powers of its angle, the lowest first."""
+    return np.array([-beta[1], beta[0], *beta[2:]])
 
 
 def _moved(motion: Motion, travel: Vector, i: int, torque: Vector | None) -> Columns:
@@ -1863,19 +1868,10 @@ def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]], *, swing
     return motion if moved.swing is None else _loaded(moved, effects)
 
 
-def _slope_of(motion: Motion, spring: Candidate, beta: Vector) -> Vector:
-    """Differentiate the torque of a spring by the joints' angles, shape (n, n_joints)."""
-    A, h = np.array(spring.place.A), 1e-4
-    sides = [spring.effect.columns(replace(motion, q=motion.q + step), spring.place, spring.shape) for step in (h, -h)]
-    up, down = (beta @ side.along[0][: len(beta)] for side in sides if side.along is not None)
-    return ((up - down) / (2 * h))[:, None] * A
-
-
 def _loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motion:
-    motion = replace(motion, offset=None, tilt=None, extra_driven=None, shift=None, map_errors=(), sprung=None)
-    springs = [(c, beta) for c, beta in effects if c.effect.name == "joint_spring"]
-    if springs:
-        motion = replace(motion, sprung=np.sum([_slope_of(motion, c, beta) for c, beta in springs], axis=0))
+    motion = replace(motion, offset=None, tilt=None, extra_driven=None, shift=None, map_errors=())
+    springs = tuple((np.array(c.place.A), _powers(beta)) for c, beta in effects if c.effect.name == "joint_spring")
+    motion = replace(motion, springs=springs)
     joint, motor = np.zeros_like(motion.q), np.zeros_like(motion.q_m)
     moving = [(c.effect.moves, c, beta) for c, beta in effects if c.effect.moves is not None]
     for moves, candidate, beta in sorted(moving, key=lambda item: item[1].effect.follows):

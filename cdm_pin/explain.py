@@ -31,9 +31,9 @@ STRONG = 400.0
 """Statistic from which on friction shows how its sign passes through zero."""
 ROUNDED = 2.0
 """How many times the torque that steps of encoders bring a correction without a name has to make."""
-PREFERENCE = 2.0
 EVIDENT = 5.0
-"""By how much log-evidence more a law is named that has more parameters than the likelihood seems to ask for."""
+"""By how much log-evidence more a refinement is named that has more parameters than its likelihood seems to pay for."""
+PREFERENCE = 2.0
 """By how much log-likelihood less a simpler law, dry friction above all, is named nevertheless."""
 
 
@@ -258,9 +258,22 @@ def _simplest(explanation: Explanation) -> Explanation:
     return _with(explanation, accepted)
 
 
+def _plainest(explanation: Explanation, j: int) -> Candidate:
+    """Give finding `j` with the fewest coefficients with which its law is as likely; mostly it has one number of them.
+
+    A spring may have had to stiffen before all else was found.
+    """
+    search, found = explanation.search, explanation.found[j]
+    own, without = found.candidate, search.without(explanation.fit, j)
+    fewer = [c for c in explanation.bank.laws.candidates if c.key == own.key and search.size(c) < search.size(own)]
+    worth = [gain(search, without, c, search.score(without, c)) for c in fewer]
+    return own if own.detail or max(worth, default=-np.inf) <= found.gain else fewer[int(np.argmax(worth))]
+
+
 def _simplest_at(explanation: Explanation, j: int, taken: Sequence[tuple[str, str]]) -> Candidate:
     """Give the simplest law that may stand for finding `j`; one that friction cannot be gives way to the next best."""
-    search, found, best, lead = explanation.search, explanation.found[j], explanation.found[j].candidate, 0.0
+    search, found, lead = explanation.search, explanation.found[j], 0.0
+    best = _plainest(explanation, j)
     rivals = [(c, d) for c, d in found.rivals if c.key not in taken and c.named == best.named]
     here = {c.key for c, _ in rivals if c.place.location == best.place.location}
     without = search.without(explanation.fit, j)
@@ -272,8 +285,8 @@ def _simplest_at(explanation: Explanation, j: int, taken: Sequence[tuple[str, st
     alike += [c for c, d in rivals if c is not best and d - lead > -(slack if c.key in here else search.settings.close)]
     if best.named:
         own = evidence(search, without, best, found.score.statistic)
-        more = [c for c, _ in rivals if c not in alike and is_plausible(c, search.score(without, c), without.effects)]
-        alike += [c for c in more if evidence(search, without, c, found.score.statistic) > own + EVIDENT]
+        finer = [c for c, _ in rivals if c not in alike and c.key in here and c.effect.name in REFINING]
+        alike += [c for c in finer if evidence(search, without, c, found.score.statistic) > own + EVIDENT]
     if best.named:
         simplest = min(search.size(c) for c in alike)
         for c in sorted((c for c, _ in rivals if c.key in here and search.size(c) < simplest), key=search.size):

@@ -154,8 +154,8 @@ def parameters(candidate: Candidate, beta: Vector, covariance: Vector) -> dict[s
     return out
 
 
-LAST = ("coulomb_friction", "cable_friction", "capstan_friction")
-"""What is dry friction, too, at one pretension."""
+STILL_DRY = ("coulomb_friction", "cable_friction", "capstan_friction")
+"""What is the same dry friction, on this arm and at one pretension."""
 POSTURE = ("encoder_offset", "base_tilt")
 """What moves links to where no encoder says they are, at rest already."""
 EQUAL = 0.9999
@@ -261,10 +261,12 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
         asked = rubs or not within
         likeness = canonical_correlation(search, without, found.candidate, rival) if asked else 0.0
         if within or likeness > settings.same:
-            alike.append((rubs and likeness > EQUAL and rival.effect.name in LAST, rival))
-    for _, rival in sorted(alike, key=lambda item: item[0]):  # bearings, guides and capstans last
+            alike.append((rubs and likeness > EQUAL and rival.effect.name in STILL_DRY, rival))
+    for _, rival in sorted(alike, key=lambda item: item[0]):  # the same elsewhere, guides and capstans last
         add(rival.effect.name, rival.location)
     effect = found.candidate.effect
+    for play in _uncrossed(search, explanation, without, found) if effect.name in POSTURE else ():
+        add(play.effect.name, play.location)
     kinds = {place.location["kind"] for place in effect.places(search.problem.model)}
     for alias in found.candidate.place.aliases:
         if alias["kind"] == "cable" and effect.name == "coulomb_friction":
@@ -273,17 +275,19 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
             add(effect.name, alias)
     for other in coupled_alike(search.problem.model, found.candidate):
         add("transmission_coupling", other)
-    for play in _uncrossed(search, explanation) if effect.name in POSTURE else ():
-        short = found.score.statistic - search.score(without, play).statistic
-        if short < 2 * close and canonical_correlation(search, without, found.candidate, play) > settings.same:
-            add(play.effect.name, play.location)
     return out
 
 
-def _uncrossed(search: Search, explanation: Explanation) -> list[Candidate]:
-    """List the plays of cables that never change sides on these recordings: offsets of encoders, then."""
-    plays = [c for c in explanation.bank.laws.candidates if c.effect.name == "backlash" and not search.is_crossed(c)]
-    return list({c.key: c for c in plays}.values())
+def _uncrossed(search: Search, explanation: Explanation, without: Fit, found: Found) -> list[Candidate]:
+    """List the plays of cables that never change sides on these recordings and do what a finding does."""
+    own = without.rest(found.score.beta @ search.white(without.whitener, search.columns(found.candidate)))
+    out: dict[tuple[str, str], Candidate] = {}
+    for play in explanation.bank.laws.candidates:
+        if play.effect.name == "backlash" and not search.is_crossed(play):
+            gap = without.rest(search.white(without.whitener, [c[:1] for c in search.columns(play)]))[0]
+            if own @ gap > search.settings.same * np.linalg.norm(own) * np.linalg.norm(gap) > 0.0:
+                out[play.key] = play
+    return list(out.values())
 
 
 def _leaning(search: Search, without: Fit, found: Found) -> list[tuple[Candidate, float]]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
+from numpy.polynomial.polynomial import polyder, polyval
 from scipy.fft import dst, idst
 from scipy.signal import welch
 from scipy.signal.windows import tukey
@@ -190,8 +191,8 @@ class Motion:
         How far known errors of the cable map move the joints from where the motors say they are [rad].
     map_errors : tuple of (int, int, ndarray, shape (n,))
         Known errors of the cable map: cable, joint, and how much more the cable runs per angle of that joint.
-    sprung : ndarray, shape (n, n_joints), optional
-        How stiff known springs at the joints are where the motion passes [N m/rad].
+    springs : tuple of (ndarray, shape (n_joints,), ndarray, shape (k,))
+        Known springs: coordinate, and coefficients of powers of it that make the torque, the lowest first.
     felt : Felt, optional
         What the motors alone tell of where the joints are, where no encoder does.
     swing : Swing, optional
@@ -219,7 +220,7 @@ class Motion:
     extra_driven: Vector | None = None
     shift: Vector | None = None
     map_errors: tuple[tuple[int, int, Vector], ...] = ()
-    sprung: Vector | None = None
+    springs: tuple[tuple[Vector, Vector], ...] = ()
     felt: Felt | None = None
     swing: Swing | None = None
 
@@ -406,7 +407,7 @@ class Motion:
             [N m per unit of the effect].
         """
         d1, d2 = rates if rates is not None else derivatives(d, self.rate)
-        springs = 0.0 if self.sprung is None else (self.sprung * d) @ self.model.joint_from_motor
+        springs = self.sprung(d)
         if 3 * self.model.n_joints * self.n * self.model.n_motors < MUCH:
             change = np.zeros((self.n, self.model.n_motors))
             for slopes, x in zip(self.torque_slopes, (d, d1, d2), strict=True):
@@ -414,6 +415,14 @@ class Motion:
                     change += slope * column[:, None]
             return change + springs
         return self.torque_along(d, (d1, d2)) + springs
+
+    def sprung(self, d: Vector | None = None) -> Vector:
+        """Give the motors' torque of known springs, or its derivative along a change `d` of positions (n, n_joints)."""
+        out = np.zeros_like(self.q)
+        for A, powers in self.springs:
+            x = self.q @ A
+            out += (polyval(x, powers) if d is None else polyval(x, polyder(powers)) * (d @ A))[:, None] * A
+        return out @ self.model.joint_from_motor
 
     def torque_along(self, d: Vector, rates: tuple[Vector, Vector]) -> Vector:
         """Differentiate the rigid body's torque by a central difference along this one direction: less work there."""

@@ -65,6 +65,24 @@ class Run:
         """Name of the recording."""
         return self.signals.recording.name
 
+    def carrying(self, model: CableModel) -> CableModel:
+        """Give a robot with the payload that was held."""
+        load = tip_load(model, self.payload)
+        return model.with_standard_parameters(model.standard_parameters + load) if load.any() else model
+
+    def with_model(self, model: CableModel) -> Run:
+        """Give the same run of a robot with other inertial parameters, to which those of the payload come."""
+        return replace(self, motion=self.motion.with_model(self.carrying(model)))
+
+
+def tip_load(model: CableModel, mass: float) -> Vector:
+    """Give the standard parameters of a payload [kg] at the tip of the last link, shape (10 n_joints,)."""
+    change, links = np.zeros(10 * model.n_joints), model.manipulator.links
+    if mass and links:
+        tip = links[-1].length
+        change[-10:] = mass * np.array([1.0, tip, 0.0, 0.0, 0.0, 0.0, tip**2, 0.0, 0.0, tip**2])
+    return change
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -201,14 +219,7 @@ class Problem:
     @property
     def payloads(self) -> list[Vector]:
         """Per run the standard parameters of the stated payload, taken to sit at the tip of the last link."""
-        links, out = self.model.manipulator.links, []
-        for run in self.runs:
-            mass, change = run.payload, np.zeros(10 * self.model.n_joints)
-            if mass and links:
-                tip = links[-1].length
-                change[-10:] = mass * np.array([1.0, tip, 0.0, 0.0, 0.0, 0.0, tip**2, 0.0, 0.0, tip**2])
-            out.append(change)
-        return out
+        return [tip_load(self.model, run.payload) for run in self.runs]
 
     def reduce(self, columns: Callable[[Motion], Columns]) -> list[Lines]:
         """Compute columns on every run and bring them into the band."""
@@ -233,8 +244,7 @@ class Problem:
 
     def with_model(self, model: CableModel) -> Problem:
         """Give the same problem with other inertial parameters in the motions."""
-        runs = tuple(replace(run, motion=run.motion.with_model(model)) for run in self.runs)
-        return replace(self, model=model, runs=runs)
+        return replace(self, model=model, runs=tuple(run.with_model(model) for run in self.runs))
 
     def with_loads(self, effects: Sequence[tuple[Candidate, Vector]]) -> Problem:
         """Give the same problem with the torques that these effects bring in the motions."""
@@ -265,7 +275,7 @@ def make_problem(model: CableModel, recordings: Sequence[Recording], band: Band 
 
     def made(band: Band) -> Problem:
         ready = [prepare(recording, model, rate=rate, cutoff=band.cutoff) for recording in recordings]
-        runs = tuple(_run(model, s, band, torque, kinematic, i) for i, s in enumerate(ready))
+        runs = tuple(_run(model, s, band, torque, kinematic, i).with_model(model) for i, s in enumerate(ready))
         return Problem(model, runs, band, torque, kinematic, SensorNoise(model, tuple(ready), band))
 
     known = _heard(model, signals, chosen) if torque else np.inf

@@ -54,8 +54,8 @@ def replay_runs(
     most = max(3, MOST // len(judged.problem.runs))
     found = [
         run_again(
-            plain,
-            whole,
+            run.carrying(plain),
+            run.carrying(whole),
             _where_links_are(run.motion),
             measured_torques(plain, run.signals.logged),
             run.signals.valid,

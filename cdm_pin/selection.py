@@ -331,10 +331,7 @@ class Search:
         problem, pi = self.problem, self.problem.model.standard_parameters
         parts = zip(problem.data, problem.rigid, problem.rotors, problem.payloads, strict=True)
         if problem.swings:
-            return [
-                d[0] - known - np.tensordot(payload, Y, 1) - r[0]
-                for known, (d, Y, r, payload) in zip(problem.known, parts, strict=True)
-            ]
+            return [d[0] - known - r[0] for known, (d, _, r, _) in zip(problem.known, parts, strict=True)]
         return [d[0] - np.tensordot(pi + payload, Y, 1) - r[0] for d, Y, r, payload in parts]
 
     @cached_property
@@ -383,11 +380,13 @@ class Search:
         return search
 
     def is_swamped(self, fit: Fit) -> bool:
-        """Whether the drift in a fit is so much larger than what is left that it is no drift of a sensor."""
+        """Whether the drift in a fit is so much larger than what is left that it is no drift of a sensor.
+
+        The drift is that beside laws alone: corrections without a name wander themselves.
+        """
         if self.drift is None:
             return False
-        fit = self.fit([c for c in fit.effects if c.named], fit.whitener)  # others wander themselves
-        own = fit.base[self.n_bodies : self.n_rigid]
+        own = self.fit([c for c in fit.effects if c.named], fit.whitener).base[self.n_bodies : self.n_rigid]
         drift = [np.tensordot(own, columns, 1) for columns in self.drift.columns]
         rest = self.still(errors(self, fit.base, fit.effects, fit.beta))
         return bool(np.any(rms(self, drift) > LOUD * rms(self, rest)))

@@ -118,9 +118,10 @@ def swung(motion: Motion, cable: int, stiffness: float, damping: float, carried:
     for k in range(ROUNDS):
         if k == 1:
             slopes, oscillator, own, free = linearised(moved)
-        load = (moved.tau_m + carried)[:, cable] / scale - stiffness * x[0] - damping * x[1]
+        torque = moved.tau_m + moved.sprung() - motion.sprung()  # springs where the links are, too
+        load = (torque + carried)[:, cable] / scale - stiffness * x[0] - damping * x[1]
         step = _tame(oscillate(oscillator, load, 1.0 / motion.rate))
-        rest = np.nan_to_num(measured - moved.tau_m - np.einsum("dn,dnm->nm", step, slopes))
+        rest = np.nan_to_num(measured - torque - np.einsum("dn,dnm->nm", step, slopes))
         states = np.linalg.lstsq(free[:, felt.valid].reshape(len(free), -1).T, rest[felt.valid].ravel(), rcond=None)[0]
         x = _tame(x + step + np.tensordot(np.asarray(states, float), own, 1))
         moved = _moved(motion, x, b)
@@ -142,12 +143,15 @@ def _moved(motion: Motion, x: Vector, b: Vector) -> Motion:
 
 
 def slopes_along(motion: Motion, b: Vector) -> Vector:
-    """Differentiate the motors' torque along b of positions, speeds and accelerations, shape (3, n, n_motors)."""
+    """Differentiate the motors' torque along b of positions, speeds and accelerations, shape (3, n, n_motors).
+
+    Known springs are among what depends on positions.
+    """
 
     def at(k: int, step: float) -> Vector:
         return _moved(motion, step * np.outer(np.eye(3)[k], np.ones(motion.n)), b).tau_m
 
-    by_position = (at(0, 1e-4) - at(0, -1e-4)) / 2e-4
+    by_position = (at(0, 1e-4) - at(0, -1e-4)) / 2e-4 + motion.sprung(np.tile(b, (motion.n, 1)))
     return np.stack([by_position, 0.5 * (at(1, 1.0) - at(1, -1.0)), at(2, 1.0) - motion.tau_m])
 
 

@@ -45,7 +45,7 @@ _CLAUSES = {
     "viscous_friction": "{place} drags with a viscous friction of {viscous}",
     "coulomb_friction": "{place} loses {coulomb} to dry friction when it reverses",
     "stribeck_friction": "{place} sticks before it slides: {coulomb} of dry friction[ and {stribeck} more near "
-    "standstill][, fading above {stribeck_velocity}]",
+    "standstill, fading above {stribeck_velocity}]",
     "asymmetric_friction": "{place} rubs unequally: {coulomb_positive} forwards, {coulomb_negative} backwards",
     "quadratic_drag": "{place} is held back by drag that grows with the square of its speed, {coefficient}",
     "load_dependent_friction": "{place} rubs more the more its bearing is loaded, {coefficient}",
@@ -79,7 +79,7 @@ _CLAUSES = {
 
 _MOST = 4  # findings whose sizes a sentence says, and doubts; what is more is counted
 _ERRORS = {"N m": "torque", "N": "force"}
-_ANGLE_KNOWN = 0.3  # [rad]
+_REST_KNOWN = 0.3  # [rad or m]
 _COUNTS = ("No", "One thing is", "Two things are", "Three things are", "Four things are", "Five things are")
 
 
@@ -205,27 +205,28 @@ def _special(finding: Content, parameters: Content) -> tuple[str, Content]:
         return "tension_hysteresis", parameters
     if finding.get("effect") != "joint_spring" or not isinstance(stiffness, Mapping):
         return "", parameters
-    if not _is_known(stiffness) and _is_known(parameters.get("cubic")):
-        return "spring_that_stiffens", parameters
+    cubic = parameters.get("cubic")
+    if not _is_known(stiffness):
+        stiffens = isinstance(cubic, Mapping) and _is_known(cubic, "cubic") and cubic["value"] > 0.0
+        return "spring_that_stiffens" if stiffens else "", parameters
     if stiffness["value"] < 0.0:
         return "spring_away", {**parameters, "stiffness": {**stiffness, "value": -stiffness["value"]}}
     return "", parameters
 
 
-def _is_known(parameter: Any) -> bool:
-    """Whether a parameter is more than twice its standard error; an angle, where it is to a third of a radian."""
-    if not isinstance(parameter, Mapping):
-        return parameter is not None
-    if not parameter.get("value"):
-        return False
-    least = _ANGLE_KNOWN if parameter.get("unit") == "rad" else 0.5 * abs(parameter["value"])
-    return (parameter.get("std") or 0.0) < least
+def _is_known(parameter: Any, name: str = "") -> bool:
+    """Whether a parameter is twice its standard error; a rest, where it is known to a third of a radian or metre."""
+    value = parameter.get("value") if isinstance(parameter, Mapping) else parameter
+    std = parameter.get("std", 0.0) if isinstance(parameter, Mapping) else 0.0
+    if not isinstance(value, int | float) or not isinstance(std, int | float):
+        return isinstance(value, list)
+    return std < (_REST_KNOWN if name == "rest" else 0.5 * abs(value)) or std == 0.0 != value
 
 
 def _fill(template: str, where: str, parameters: Content) -> str | None:
     """Fill a clause; None if a parameter outside [brackets] is missing; inside, what is hardly known is left out."""
     parts = template.replace("]", "[").split("[")
-    known = {name: parameter for name, parameter in parameters.items() if _is_known(parameter)}
+    known = {name: parameter for name, parameter in parameters.items() if _is_known(parameter, name)}
     texts = [_fill_part(part, where, known if k % 2 else parameters) for k, part in enumerate(parts)]
     if any(text is None for text in texts[::2]):
         return None

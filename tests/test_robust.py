@@ -292,7 +292,9 @@ def test_no_law_takes_the_place_of_two(monkeypatch):
     score = Score(100.0, 1, np.ones(1), 1.0, 1.0)
     found = [explain.Found(c, score, 50.0, -50.0, ((simple, 0.0),)) for c in (spring, tilt)]
     monkeypatch.setattr(explain, "explained", lambda search, bank, accepted: accepted)
-    explanation = SimpleNamespace(search=search, found=found, fit=None, bank=None)
+    explanation = SimpleNamespace(
+        search=search, found=found, fit=None, bank=SimpleNamespace(laws=SimpleNamespace(candidates=()))
+    )
     monkeypatch.setattr(explain, "evidence", lambda search, without, candidate, size: 0.0)
     assert explain._simplest(explanation) == [simple, tilt]
     monkeypatch.setattr(explain, "evidence", lambda search, without, candidate, size: -9.0 * (candidate is simple))

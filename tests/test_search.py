@@ -15,7 +15,7 @@ from cdm_pin.model import load_model
 from cdm_pin.next_experiment import plan_next
 from cdm_pin.plant.draw import draw
 from cdm_pin.problem import make_problem
-from cdm_pin.recording import Recording
+from cdm_pin.recording import Recording, load_recording
 from cdm_pin.selection import Search, Settings, all_candidates, rms
 from cdm_pin.signals_filters import differentiate, lowpass
 from cdm_pin.spectra import spectrum, stands_out, whitener_of
@@ -246,3 +246,35 @@ def test_a_small_finding_cannot_exclude_its_refinements(tmp_path):
         listed.append({e["effect"] for e in finding["indistinguishable_from"]})
     assert listed[0] & {"asymmetric_friction", "stribeck_friction", "friction_drift", "load_dependent_friction"}
     assert not listed[1] & {"asymmetric_friction", "stribeck_friction", "friction_drift"}
+
+
+def test_a_stated_payload_is_in_the_motion(tmp_path):
+    """What loads the cables in a recording is with the mass that was held; the other recording's is without."""
+    trial = draw(5, n_links=2, effects=0, n_recordings=2, conditions=("payload",), duration=12.0)
+    paths = trial.write(tmp_path)
+    model = load_model(paths["manipulator"])
+    problem = make_problem(model, [load_recording(path, model) for path in paths["recordings"]])
+    search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
+    for there in (problem, search.about(search.fit([])).problem):
+        masses = [run.motion.model.standard_parameters[-10] for run in there.runs]
+        held = [run.payload for run in there.runs]
+        assert sorted(held)[0] == 0.0 < sorted(held)[1]
+        np.testing.assert_allclose(np.subtract(masses, there.model.standard_parameters[-10]), held, atol=1e-9)
+
+
+def test_springs_pull_on_links_that_swing(tmp_path):
+    """Where links hang on a soft cable a known spring moves them too; one that does not stiffen is said not to."""
+    model, runs, unseen, truth = loaded_trial(
+        tmp_path, 3, n_links=2, effects=["cable_elasticity", "joint_spring"], positions="motor", noise="white",
+        duration=40.0,
+    )  # fmt: skip
+    found = {f["effect"]: f["parameters"] for f in diagnose(model, runs, unseen).content["findings"]}
+    true = {e["effect"]: e["parameters"] for e in truth["effects"]}
+    assert set(found) == set(true)
+    for effect, name, share in (
+        ("cable_elasticity", "stiffness", 0.01),
+        ("joint_spring", "stiffness", 0.01),
+        ("joint_spring", "rest", 0.03),
+    ):
+        assert found[effect][name]["value"] == pytest.approx(true[effect][name], rel=share)
+    assert "cubic" not in found["joint_spring"]

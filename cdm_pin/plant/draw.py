@@ -6,6 +6,7 @@ The truth is a plain dictionary (schema ``cdm_pin.truth/1``, described in `cdm_p
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -114,7 +115,8 @@ def draw(
 ) -> Trial:
     """Draw a blind trial; what is left open is drawn too.
 
-    An arm whose servo cannot follow is drawn again with a slower reference, and one that follows none anew.
+    An arm whose servo cannot follow is drawn again with a slower reference; if it follows none, all that is left
+    open is drawn anew.
 
     Parameters
     ----------
@@ -155,16 +157,16 @@ def draw(
     InputError
         If an effect is unknown or cannot be shown by the positions asked for.
     SimulationError
-        If the servo cannot follow at any speed tried, on any arm tried.
+        If no servo can follow at any speed tried; says what was wrong at first.
     """
     settings = {name: value for name, value in locals().items() if name != "seed"}
-    tries = [([seed, again] if again else seed, slower) for again in range(_ANEW) for slower in _SLOWER]
-    for own, slower in tries[:-1]:
+    first: SimulationError | None = None
+    for again, slower in itertools.product(range(_ANEW), _SLOWER):
         try:
-            return _draw(seed, np.random.default_rng(own), slower, **settings)
-        except SimulationError:
-            continue
-    return _draw(seed, np.random.default_rng(tries[-1][0]), tries[-1][1], **settings)
+            return _draw(seed, np.random.default_rng([seed, again] if again else seed), slower, **settings)
+        except SimulationError as exc:
+            first = first or exc
+    raise first or SimulationError("no arm can be moved")
 
 
 _SLOWER, _ANEW = (1.0, 0.75, 0.55, 0.4), 3
