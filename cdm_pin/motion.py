@@ -407,7 +407,7 @@ class Motion:
             [N m per unit of the effect].
         """
         d1, d2 = rates if rates is not None else derivatives(d, self.rate)
-        springs = self.sprung(d)
+        springs = self.spring_torque(d)
         if 3 * self.model.n_joints * self.n * self.model.n_motors < MUCH:
             change = np.zeros((self.n, self.model.n_motors))
             for slopes, x in zip(self.torque_slopes, (d, d1, d2), strict=True):
@@ -416,7 +416,7 @@ class Motion:
             return change + springs
         return self.torque_along(d, (d1, d2)) + springs
 
-    def sprung(self, d: Vector | None = None) -> Vector:
+    def spring_torque(self, d: Vector | None = None) -> Vector:
         """Give the motors' torque of known springs, or its derivative along a change `d` of positions (n, n_joints)."""
         out = np.zeros_like(self.q)
         for A, powers in self.springs:

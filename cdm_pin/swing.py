@@ -118,7 +118,7 @@ def swung(motion: Motion, cable: int, stiffness: float, damping: float, carried:
     for k in range(ROUNDS):
         if k == 1:
             slopes, oscillator, own, free = linearised(moved)
-        torque = moved.tau_m + moved.sprung() - motion.sprung()  # springs where the links are, too
+        torque = moved.tau_m + moved.spring_torque() - motion.spring_torque()  # springs where the links are, too
         load = (torque + carried)[:, cable] / scale - stiffness * x[0] - damping * x[1]
         step = _tame(oscillate(oscillator, load, 1.0 / motion.rate))
         rest = np.nan_to_num(measured - torque - np.einsum("dn,dnm->nm", step, slopes))
@@ -151,7 +151,7 @@ def slopes_along(motion: Motion, b: Vector) -> Vector:
     def at(k: int, step: float) -> Vector:
         return _moved(motion, step * np.outer(np.eye(3)[k], np.ones(motion.n)), b).tau_m
 
-    by_position = (at(0, 1e-4) - at(0, -1e-4)) / 2e-4 + motion.sprung(np.tile(b, (motion.n, 1)))
+    by_position = (at(0, 1e-4) - at(0, -1e-4)) / 2e-4 + motion.spring_torque(np.tile(b, (motion.n, 1)))
     return np.stack([by_position, 0.5 * (at(1, 1.0) - at(1, -1.0)), at(2, 1.0) - motion.tau_m])
 
 

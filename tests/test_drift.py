@@ -20,7 +20,7 @@ W = np.array([1.1, 1.7])
 T = np.arange(0, 60, 0.005)
 
 
-def recording(seed, drift=0.0, coulomb=0.0, correlation=0.7, push=0.0):
+def recording(seed, drift=0.0, coulomb=0.0, correlation=0.7, push=0.0, quick=0.0):
     """One minute of the paper's arm: autoregressive noise of 0.02 N m, slow wave; joint 2 rubs and is pushed."""
     model, rng = load_model(ARM), np.random.default_rng(seed)
     phase = rng.uniform(0, 6, (3, 2))
@@ -33,6 +33,7 @@ def recording(seed, drift=0.0, coulomb=0.0, correlation=0.7, push=0.0):
     white = 0.02 * np.sqrt(1 - correlation**2) * rng.standard_normal(q.shape)
     noise = lfilter([1.0], [1.0, -correlation], white, axis=0)
     slow = drift * np.sin(2 * np.pi * 0.019 * T[:, None] + phase[2])
+    slow += quick * np.sin(2 * np.pi * 0.043 * T[:, None] - phase[2])
     torque = model.motor_torque(tau) + noise + slow
     return Recording(T, {"joint_position": q, "motor_torque": torque}, label=f"made{seed}")
 
@@ -112,3 +113,10 @@ def test_a_push_is_no_quick_drift():
     assert (finding["effect"], finding["location"]["index"]) == ("external_torque", 2)
     assert finding["time"] == pytest.approx([20.0, 24.0], abs=0.3)
     assert finding["parameters"]["torque"]["value"] == pytest.approx(0.15, abs=0.02)
+
+
+def test_a_quick_drift_is_no_push():
+    """Zeros that move more quickly than usual are not taken for pushes."""
+    runs = [recording(seed, drift=0.02, quick=0.015) for seed in (40, 41)]
+    assert search_of(runs[0]).with_drift().drift.quicker
+    assert diagnose(load_model(ARM), runs[:1], runs[1:]).content["verdict"] == "consistent"

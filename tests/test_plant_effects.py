@@ -300,6 +300,25 @@ def test_draws_vary(tmp_path):
     assert not any(alone.conditions)
 
 
+def test_an_arm_that_no_servo_moves_is_drawn_anew(monkeypatch):
+    """Slower at first, then another arm from the same seed; where none moves, what was wrong at first is said."""
+    tried, moves_at = [], 5
+
+    def attempt(seed, rng, slower, **settings):
+        tried.append((rng.random(), slower))
+        if len(tried) < moves_at:
+            raise SimulationError(f"attempt {len(tried)} diverges")
+        return "moves"
+
+    monkeypatch.setattr("cdm_pin.plant.draw._draw", attempt)
+    assert draw(7) == "moves"
+    assert [slower for _, slower in tried] == [1.0, 0.75, 0.55, 0.4, 1.0]
+    assert tried[0][0] == tried[3][0] == np.random.default_rng(7).random() != tried[4][0]
+    tried, moves_at = [], 99
+    with pytest.raises(SimulationError, match="attempt 1 diverges"):
+        draw(7)
+
+
 def test_effects_are_as_visible_as_asked_for():
     """Every effect of a draw reaches the visibility asked for, unless it lies in the span of the masses."""
     for seed in range(6):

@@ -215,6 +215,16 @@ def test_static_friction_of_many_times_the_sliding_one_is_no_law():
         assert is_plausible(candidate, Score(1e4, 2, np.array([1.0, peak]), 1.0, 1.0)) == fits
 
 
+@pytest.mark.parametrize(
+    ("width", "peak", "fits"), [(0.2, 0.0, False), (0.2, 0.1, True), (0.4, 0.1, False), (0.4, 0.2, True)]
+)
+def test_a_peak_has_to_rise_above_sliding(width, peak, fits):
+    """Where the sign is blurred over much of a peak, a small one does not show."""
+    place = joint_places(load_model("urdf/cdm2.yaml"))[0]
+    candidate = Candidate(CATALOGUE["stribeck_friction"], place, (width * 0.1, 0.1))
+    assert is_plausible(candidate, Score(1e4, 2, np.array([1.0, peak]), 1.0, 1.0)) == fits
+
+
 def test_a_motor_that_hardly_turns_with_a_joint_is_not_coupled():
     law = CATALOGUE["transmission_coupling"]
     place = law.places(load_model("urdf/cdm2.yaml"))[0]
