@@ -376,9 +376,9 @@ def _reconsidered(judge: Search, explanation: Explanation) -> Explanation:
     for j, found in enumerate(explanation.found):
         if found.candidate.effect.name in ONCE:
             continue
-        size = search.size(found.candidate)
+        size = _physics(search, found.candidate)
         near = [(c, d) for c, d in found.rivals if c.named and d > -15.0 - 0.02 * found.score.statistic]
-        near = [(c, d) for c, d in near if search.size(c) <= size][:3]
+        near = [(c, d) for c, d in near if _physics(search, c) <= size][:3]
         others = [f.candidate for i, f in enumerate(explanation.found) if i != j]
         if not near:
             continue
@@ -390,6 +390,11 @@ def _reconsidered(judge: Search, explanation: Explanation) -> Explanation:
             if better:
                 return explained(search, explanation.bank, [*others, rival])
     return explanation
+
+
+def _physics(search: Search, candidate: Candidate) -> int:
+    """Count the parameters of a candidate that are not smoothing."""
+    return search.size(candidate) - candidate.effect.nuisance_shape
 
 
 def distinct(recordings: Sequence[Recording]) -> list[Recording]:
