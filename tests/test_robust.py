@@ -330,6 +330,24 @@ def test_what_failed_only_beside_another_stays(monkeypatch):
     assert [f.candidate for f in left.found] == ["right", "sound"]
 
 
+@pytest.mark.parametrize("unseen", [10.0, 990.0])
+def test_the_unseen_recordings_choose_between_laws(monkeypatch, unseen):
+    """Play that is never crossed in the training is an offset there; where it is crossed unseen, it is play."""
+    model = load_model("urdf/cdm2.yaml")
+    offset, play = (
+        Candidate(effect, effect.places(model)[1], shape)
+        for effect, shape in ((CATALOGUE["encoder_offset"], ()), (CATALOGUE["backlash"], (0.1,)))
+    )
+    search = SimpleNamespace(size=lambda c: 1 + len(c.shape), fit=lambda effects, whitener: effects)
+    judge = SimpleNamespace(body=lambda whitener: SimpleNamespace(data=np.zeros(100)))
+    monkeypatch.setattr(diagnosis, "deviance_unseen", lambda judge, effects: unseen if play in effects else 1000.0)
+    monkeypatch.setattr(diagnosis, "explained", lambda search, bank, effects: effects)
+    found = explain.Found(offset, Score(500.0, 1, np.ones(1), 1.0, 1.0), 240.0, -200.0, ((play, -0.1),))
+    given = SimpleNamespace(search=search, found=(found,), fit=SimpleNamespace(whitener=None), bank=None)
+    chosen = diagnosis._reconsidered(judge, given)
+    assert chosen == [play] if unseen < 100.0 else chosen is given
+
+
 def test_a_narrow_peak_of_static_friction_is_hardly_known():
     """Where the sign of the velocity is as smooth as the peak is wide, the peak may be any size."""
     place = joint_places(load_model("urdf/cdm2.yaml"))[0]
