@@ -146,7 +146,8 @@ def explain(
     left = unnamed(search, search.renewed(bank), kept) if len(kept) < len(accepted) else None
     search, accepted = settled(search, kept if left is None else [*kept, left])  # two may have hidden each other
     search, accepted = _unpatched(search, bank, accepted)
-    explanation = _peaked(_simplest(_renamed(explained(search, search.renewed(bank), accepted))))
+    explanation = _plainer(_renamed(explained(search, search.renewed(bank), accepted)))
+    explanation = _peaked(_simplest(explanation))
     say.looked(explanation.fit)
     return explanation
 
@@ -245,6 +246,30 @@ def _in_turn(
         search = search.about(search.fit(effects, whitener))
         effects = search.tuned(effects, whitener or search.noise(effects))
     return search, effects
+
+
+def _plainer(explanation: Explanation, equal: float = 1.0) -> Explanation:
+    """Put a law where it is as likely if friction elsewhere is dry then, without more.
+
+    A constant torque on one motor is one on another and friction that is not the same both ways.
+    """
+    search, whitener = explanation.search, explanation.fit.whitener
+    accepted, found = [f.candidate for f in explanation.found], explanation.found
+    best, chosen = search.settings.close, accepted
+    for i, refined in enumerate(accepted):
+        if refined.effect.name not in REFINING:
+            continue
+        dry = replace(refined, effect=CATALOGUE["coulomb_friction"], shape=refined.shape[:1])
+        for j, rival in ((j, c) for j, f in enumerate(found) for c, d in f.rivals if i != j and abs(d) < equal):
+            trial = [dry if k == i else rival if k == j else c for k, c in enumerate(accepted)]
+            if not rival.named or len({c.key for c in trial}) < len(trial):
+                continue
+            fit = search.fit(trial, whitener)
+            fewer = search.size(*accepted) - search.size(*trial)
+            more = 0.5 * (explanation.fit.deviance - fit.deviance + np.log(fit.n_rows) * fewer)
+            if more > best:
+                best, chosen = more, trial
+    return explanation if chosen is accepted else explained(search, explanation.bank, chosen)
 
 
 def _simplest(explanation: Explanation) -> Explanation:

@@ -278,3 +278,23 @@ def test_springs_pull_on_links_that_swing(tmp_path):
     ):
         assert found[effect][name]["value"] == pytest.approx(true[effect][name], rel=share)
     assert "cubic" not in found["joint_spring"]
+
+
+def test_friction_and_a_constant_on_one_motor_are_not_unequal_friction_and_one_on_another():
+    """On the paper's arm both say the same torque; the one with fewer numbers is named."""
+    model, t = load_model("urdf/cdm2.yaml"), np.arange(0, 40, 0.005)
+
+    def recording(seed):
+        rng = np.random.default_rng(seed)
+        angle = np.array([1.1, 1.7]) * t[:, None] + rng.uniform(0, 6, 2)
+        q = 0.6 * (np.sin(angle) + np.sin(2.3 * angle))
+        v, a = (differentiate(x, 200.0) for x in (q, differentiate(q, 200.0)))
+        tau = inverse_dynamics(model, q, v, a) + 0.4 * np.tanh(v / 0.01) * [0.0, 1.0]
+        torque = model.motor_torque(tau) + [0.0, 0.3] + 0.02 * rng.normal(size=q.shape)
+        return Recording(t, {"joint_position": q, "motor_torque": torque}, label=str(seed))
+
+    found = diagnose(model, [recording(1)], [recording(2)]).content["findings"]
+    assert {(f["effect"], f["location"]["kind"], f["location"]["index"]) for f in found} == {
+        ("coulomb_friction", "joint", 2),
+        ("torque_offset", "motor", 2),
+    }
