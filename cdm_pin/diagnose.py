@@ -205,8 +205,8 @@ def _drifting(search: Search, most: int = 3) -> Search:
         pushes.append(push[1])
     if not pushes:
         return own
-    beside = search.with_drift(pushes)
-    return beside if _likelihood(beside, pushes) > _likelihood(own, []) else own
+    ways = [(own, []), (slow, pushes), (search.with_drift(pushes), pushes)]
+    return max(ways, key=lambda way: _likelihood(*way))[0]
 
 
 def _swinging(

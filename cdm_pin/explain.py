@@ -21,6 +21,8 @@ REFINING = ("stribeck_friction", "asymmetric_friction", "position_dependent_fric
 """Laws whose first column is dry friction, the others what refines it."""
 UNLIKELIER = "transmission_ratio_error"
 """Less likely than what is as simple and explains as much: radii of pulleys are known better than gains of torques."""
+WANDERS = "unnamed_time"
+"""What the columns of drifting zeros say already, where there are any."""
 ABOUT = 0.02
 """Share of the likelihood gained that the next best law may lose where the best is none that friction can have."""
 ALIKE = 0.95
@@ -128,7 +130,13 @@ def explain(
     """
     say = Reporter(search, progress)
     say("columns of every effect", 0.0)
-    bank = search.bank([c for c in (*all_candidates(search.problem), *tones(search, start)) if c.key not in but])
+    bank = search.bank(
+        [
+            c
+            for c in (*all_candidates(search.problem), *tones(search, start))
+            if c.key not in but and (search.drift is None or c.effect.name != WANDERS)
+        ]
+    )
     accepted = list(start)
     for turn in range(4):
         say("searching", 0.1 + 0.2 * turn)
