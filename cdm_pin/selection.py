@@ -1175,8 +1175,14 @@ def all_candidates(problem: Problem, names: Sequence[str] | None = None) -> list
     return out
 
 
+OWN = 0.1
+"""Share of the torque at a frequency that a disturbance there makes at least."""
+
+
 def tones(search: Search, effects: Sequence[Candidate] = (), most: int = 3, least: float = 60.0) -> list[Candidate]:
     """Give candidates for disturbances with a frequency of their own: peaks in the spectrum of a plain fit's residual.
+
+    Where the motion has a line, a little of it is left by masses and accelerations that are a little off.
 
     Parameters
     ----------
@@ -1191,13 +1197,17 @@ def tones(search: Search, effects: Sequence[Candidate] = (), most: int = 3, leas
     problem = search.problem
     rate = problem.band.reduced_rate
     peaks: dict[float, float] = {}
-    for e, run in zip(search.left_over(effects, smooth=False)[0], problem.segments, strict=True):
+    rest = search.left_over(effects, smooth=False)[0]
+    for e, data, run in zip(rest, problem.data, problem.segments, strict=True):
         start, stop = max(run, key=lambda s: s[1] - s[0], default=(0, 0))
         n = stop - start
         if n < 256:
             continue
-        for x in e[:, start:stop]:
-            peaks |= tone_peaks(x, rate, 0.3, 0.9 * problem.band.cutoff, most, least)
+        for x, y in zip(e[:, start:stop], data[0, :, start:stop], strict=True):
+            for f, height in tone_peaks(x, rate, 0.3, 0.9 * problem.band.cutoff, most, least).items():
+                turn = np.hanning(n) * np.exp(-2j * np.pi * f / rate * np.arange(n))
+                if np.abs(x @ turn) > OWN * np.abs((y - y.mean()) @ turn):
+                    peaks[f] = height
     best: list[float] = []
     for f in sorted(peaks, key=lambda f: -peaks[f]):
         if len(best) < most and all(abs(f - other) > 0.02 for other in best):

@@ -1,6 +1,7 @@
 """The search's parts: spectra free of what a fit takes, motors that rub, travel alone, what to record next."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from cdm_pin.next_experiment import plan_next
 from cdm_pin.plant.draw import draw
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording, load_recording
-from cdm_pin.selection import Search, Settings, all_candidates, rms
+from cdm_pin.selection import Search, Settings, all_candidates, rms, tones
 from cdm_pin.signals_filters import differentiate, lowpass
 from cdm_pin.spectra import spectrum, stands_out, whitener_of
 from cdm_pin.whitening import Lines, Whitener
@@ -298,3 +299,20 @@ def test_friction_and_a_constant_on_one_motor_are_not_unequal_friction_and_one_o
         ("coulomb_friction", "joint", 2),
         ("torque_offset", "motor", 2),
     }
+
+
+@pytest.mark.parametrize("moved", [0.0, 2.5])
+def test_a_line_of_the_motion_is_no_disturbance(moved):
+    """Half a per cent of what the motion asks for at a frequency is left by masses; alone it is a disturbance."""
+    t, rng = np.arange(1200) / 20.0, np.random.default_rng(0)
+    line = np.sin(2 * np.pi * 0.94 * t)
+    rest = 0.01 * np.stack([line, 0 * t]) + 1e-3 * rng.normal(size=(2, 1200))
+    problem = SimpleNamespace(
+        model=load_model("urdf/cdm2.yaml"),
+        band=SimpleNamespace(reduced_rate=20.0, cutoff=5.0),
+        segments=[[(0, 1200)]],
+        data=[(moved * np.stack([line, line]) + rest)[None]],
+    )
+    found = tones(SimpleNamespace(problem=problem, left_over=lambda effects, smooth: ([rest], None)))
+    assert [round(c.shape[0], 2) for c in found] == [0.94] * len(found)
+    assert bool(found) != bool(moved)
