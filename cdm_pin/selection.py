@@ -1175,7 +1175,7 @@ def all_candidates(problem: Problem, names: Sequence[str] | None = None) -> list
     return out
 
 
-OWN = 0.1
+OWN = 0.02
 """Share of the torque at a frequency that a disturbance there makes at least."""
 
 
