@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import logsumexp
 
 from .completed import effect_candidates
 from .effects import CATALOGUE, Candidate, at_known_place, extremes, sign_width, twin_places
@@ -35,6 +36,10 @@ ROUNDED = 2.0
 """How many times the torque that steps of encoders bring a correction without a name has to make."""
 EVIDENT = 5.0
 """By how much log-evidence more a refinement is named that has more parameters than its likelihood seems to pay for."""
+RANGE, SCALES = 1000.0, 7
+"""How many times the torque that is seen of a law its own may be, and in how many steps that is weighed."""
+PASSAGE = 0.02
+"""Share of friction below which its sign's passage through zero, as measured, shows no peak."""
 PREFERENCE = 2.0
 """By how much log-likelihood less a simpler law, dry friction above all, is named nevertheless."""
 
@@ -313,28 +318,33 @@ def _simplest_at(explanation: Explanation, j: int, taken: Sequence[tuple[str, st
     if best.named and not is_plausible(best, search.score(without, best), without.effects):
         least = -ABOUT * found.gain
         best, lead = next(((c, d) for c, d in rivals if c.key in here and d > least), (best, lead))
-    slack = search.settings.within(found.score.statistic)
+    statistic, close = found.score.statistic, search.settings.close
+    slack = _within(search, best, statistic, close)
     alike = [best]
-    alike += [c for c, d in rivals if c is not best and d - lead > -(slack if c.key in here else search.settings.close)]
+    alike += [c for c, d in rivals if c is not best and d - lead > -(slack if c.key in here else close)]
     if best.named:
-        own = evidence(search, without, best, found.score.statistic)
         finer = [c for c, _ in rivals if c not in alike and c.key in here and c.effect.name in REFINING]
-        alike += [c for c in finer if evidence(search, without, c, found.score.statistic) > own + EVIDENT]
-    if best.named:
+        known = {c.identity: evidence(search, without, c, statistic) for c in (*alike, *finer)}
+        alike += [c for c in finer if known[c.identity] > known[best.identity] + EVIDENT]
         simplest = min(search.size(c) for c in alike)
         for c in sorted((c for c, _ in rivals if c.key in here and search.size(c) < simplest), key=search.size):
             if _is_all_but_errors(search, without, best, c):
                 return c
-    if best.named and len(alike) > 1:
-        known = [evidence(search, without, c, found.score.statistic) for c in alike]
-        equal = max(PREFERENCE, 0.5 * search.settings.law_error**2 * found.score.statistic)
-        alike = [c for c, own in zip(alike, known, strict=True) if own >= max(known) - equal]
+        top = max(alike, key=lambda c: known[c.identity])
+        least = known[top.identity] - _within(search, top, statistic, PREFERENCE)
+        alike = [c for c in alike if known[c.identity] >= least]
     rubs = "coulomb_friction" in best.effect.confounded
 
     def order(c: Candidate) -> tuple[int, bool, bool]:
         return search.size(c), rubs and c.effect.name != "coulomb_friction", c.effect.name == UNLIKELIER
 
     return min(alike, key=order)
+
+
+def _within(search: Search, law: Candidate, statistic: float, least: float) -> float:
+    """Say by how much log-likelihood another law may be worse than this one, of some statistic, to be as good."""
+    error = PASSAGE if law.effect.name == "stribeck_friction" else search.settings.law_error
+    return max(least, 0.5 * error**2 * statistic)
 
 
 def _is_all_but_errors(search: Search, without: Fit, own: Candidate, rival: Candidate) -> bool:
@@ -588,12 +598,13 @@ def gain(search: Search, fit: Fit, candidate: Candidate, score: Score) -> float:
 
 
 def evidence(search: Search, without: Fit, candidate: Candidate, size: float) -> float:
-    """Give the log-likelihood that a candidate gains, less what its parameters could have fitted of anything.
+    """Give the log-likelihood of a candidate's law, whatever its coefficients, over that of nothing in its place.
 
     Before the data are seen, each coefficient may bring a torque as large as that which is explained, `size`, the
-    whitened sum of squares: a refinement that the data hardly see costs nothing, one that they would see well costs as
-    much as it could have been off. What refines dry friction has coefficients as large as its own. What is estimated of
-    the shape counts as it does in Akaike's criterion.
+    whitened sum of squares, or `RANGE` times larger, most of which masses cancel; every order of magnitude is as
+    likely. A refinement that the data hardly see costs nothing, one that they would see well costs as much as it could
+    have been off, and torques that masses have to cancel cost more the larger they are. What refines dry friction has
+    coefficients as large as its own. What is estimated of the shape counts as it does in Akaike's criterion.
     """
     columns = search.white(without.whitener, search.columns(candidate))
     norm = np.linalg.norm(columns, axis=1, keepdims=True)
@@ -601,8 +612,16 @@ def evidence(search: Search, without: Fit, candidate: Candidate, size: float) ->
     if candidate.effect.name in REFINING and norm[0] > 0:
         own = slice(1, len(candidate.effect.signs))  # without what details the sign of a velocity
         left[own] *= np.minimum(norm[own] / norm[0], 1.0)
-    room = float(np.linalg.slogdet(np.eye(len(left)) + max(size, 1.0) * left @ left.T)[1])
-    return 0.5 * search.score(without, candidate).statistic - 0.5 * room - candidate.extra
+    score = search.score(without, candidate)
+    if not np.isfinite(score.statistic):
+        return -np.inf
+    bound = left[score.beta != 0.0]  # the others are held at zero by their signs
+    gram, seen, along = left @ left.T, bound @ bound.T, bound @ without.residual
+    known = []
+    for scale in max(size, 1.0) * np.logspace(0.0, 2.0 * np.log10(RANGE), SCALES):
+        fitted = along @ np.linalg.solve(np.eye(len(seen)) / scale + seen, along)
+        known.append(0.5 * fitted - 0.5 * np.linalg.slogdet(np.eye(len(gram)) + scale * gram)[1])
+    return float(logsumexp(known)) - np.log(SCALES) - candidate.extra
 
 
 def _passes(search: Search, candidate: Candidate, score: Score, weight: float, fit: Fit) -> bool:
@@ -833,8 +852,12 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
 
 
 def is_plausible(candidate: Candidate, score: Score, beside: Sequence[Candidate] = ()) -> bool:
-    """Whether coefficients are such as a law may have; dry friction `beside` it, at its place, has its own share."""
-    shared = candidate.effect.name in REFINING and any(c.has_doubts and _meets(candidate, c) for c in beside)
+    """Whether coefficients are such as a law may have; dry friction `beside` it, at its place, has its own share.
+
+    Not so a peak alone: with it, the sign of that friction would only pass through zero in another way.
+    """
+    refines = candidate.effect.name in REFINING and candidate.effect.name != "stribeck_friction"
+    shared = refines and any(c.has_doubts and _meets(candidate, c) for c in beside)
     return shared or candidate.effect.plausible(score.beta, candidate.shape, candidate.detail)
 
 

@@ -324,7 +324,6 @@ def sensitivities(search: Search, explanation: Explanation) -> list[dict[str, An
     the rigid body and the findings leave over, `absorbed_by` the parameters that take the rest where it is small.
     """
     rows: dict[tuple[str, str], dict[str, Any]] = {}
-    names = search.base.names
     bank = explanation.bank.laws
     accepted = {f.candidate.key for f in explanation.found}
     for candidate, score, weight in zip(bank.candidates, explanation.scores, bank.weight, strict=True):
@@ -344,8 +343,7 @@ def sensitivities(search: Search, explanation: Explanation) -> list[dict[str, An
             "absorbed_by": [],
         }
         if visible <= 0.3 and candidate.key not in rows:
-            columns = [c[:1] for c in search.columns(candidate)]
-            row["absorbed_by"] = _absorbing(search, explanation.fit, columns, names)
+            row["absorbed_by"] = _absorbing(search, explanation.fit, candidate, 0.3)
         old = rows.get(candidate.key)
         if old is None or (row["amplitude"] or np.inf) < (old["amplitude"] or np.inf):
             rows[candidate.key] = row | {"absorbed_by": row["absorbed_by"] or (old or row)["absorbed_by"]}
@@ -362,13 +360,20 @@ def _amplitude(candidate: Candidate, beta: float) -> float | None:
     return float(beta)
 
 
-def _absorbing(search: Search, fit: Fit, columns: Sequence[Vector], names: Sequence[Any]) -> list[str]:
+def _absorbing(search: Search, fit: Fit, candidate: Candidate, most: float) -> list[str]:
+    """Name the base parameters that take up an effect; none if, without the findings, they leave more than a share."""
+    names = search.base.names
     p = len(names)
-    W = search.white(fit.whitener, [np.concatenate([r[:p], c]) for r, c in zip(search.rigid, columns, strict=True)])
+    columns = [np.concatenate([r[:p], c[:1]]) for r, c in zip(search.rigid, search.columns(candidate), strict=True)]
+    W = search.white(fit.whitener, columns)
     A, b = W[:-1].T, W[-1]
     scale = np.linalg.norm(A, axis=0)
     scale[scale == 0] = 1.0
-    share = np.abs(np.linalg.lstsq(A / scale, b, rcond=1e-8)[0]) / (np.linalg.norm(b) or 1.0)
+    share = np.linalg.lstsq(A / scale, b, rcond=1e-8)[0]
+    size = float(np.linalg.norm(b))
+    if np.linalg.norm(b - A / scale @ share) > most * size:
+        return []
+    share = np.abs(share) / (size or 1.0)
     return [names[i] for i in np.argsort(-share)[:3] if share[i] > 0.1]
 
 
@@ -384,11 +389,9 @@ def absorbed(search: Search, explanation: Explanation, least: float = 0.02) -> l
         if candidate.key in seen or score.visible >= least:
             continue
         seen.add(candidate.key)
-        columns = [c[:1] for c in search.columns(candidate)]
-        if not any(c.any() for c in columns):
-            continue
-        names = _absorbing(search, explanation.fit, columns, search.base.names)
-        out.append({"effect": candidate.effect.name, "location": candidate.location, "parameters": names})
+        names = _absorbing(search, explanation.fit, candidate, least)
+        if names:
+            out.append({"effect": candidate.effect.name, "location": candidate.location, "parameters": names})
     return out
 
 
