@@ -641,10 +641,14 @@ class Search:
     def drifts(self) -> list[Vector]:
         """Columns of what the zeros of sensors do on recordings that are judged: for every channel and run alone.
 
-        A constant stays visible beside them, unless the zeros were seen to drift.
+        A constant stays visible beside them, unless the zeros of torques were seen to drift; encoders do not.
         """
         channels = range(self.problem.n_channels)
-        return self._waves(channels, 1.0) if self.drift is None else self._waves(channels, LONG, self.drift.quicker)
+        if self.drift is None:
+            return self._waves(channels, 1.0)
+        m = self.problem.model.n_motors
+        parts = self._waves(channels[:m], LONG, self.drift.quicker), self._waves(channels[m:], 1.0)
+        return [np.concatenate(own) for own in zip(*parts, strict=True)]
 
     def _waves(self, channels: Sequence[int], stretch: float, quicker: int = 0) -> list[Vector]:
         """Give slow shapes of their own to some channels of every run (`drift_columns`)."""
@@ -653,12 +657,15 @@ class Search:
         return drift_columns(lengths, rate, n, channels, stretch, quicker)
 
     def still(self, errors: Sequence[Vector]) -> list[Vector]:
-        """Take slow shapes out of errors where zeros were seen to drift, per run (n_channels, n_reduced)."""
+        """Take slow shapes out of torque errors where zeros were seen to drift, per run (n_channels, n_reduced)."""
         if self.drift is None:
             return list(errors)
-        rate = self.problem.band.reduced_rate
-        shapes = [slow_shapes(e.shape[1], rate, LONG, self.drift.quicker) for e in errors]
-        return [without_drift(*each) for each in zip(errors, self.problem.segments, shapes, strict=True)]
+        rate, m = self.problem.band.reduced_rate, self.problem.model.n_motors
+        out = []
+        for e, run in zip(errors, self.problem.segments, strict=True):
+            shapes = slow_shapes(e.shape[1], rate, LONG, self.drift.quicker)
+            out.append(np.concatenate([without_drift(e[:m], run, shapes), e[m:]]))
+        return out
 
     @cached_property
     def unshared(self) -> list[Vector]:
