@@ -501,11 +501,19 @@ def _brakes(n: int) -> Callable[[Vector, Shape, float], bool]:
 
 STOPS = (0.3, 0.8, 2.0, 5.0)
 """Distances of the further elements of a hysteresis, over its own."""
+YIELDING = 0.25
+"""Least share of its elements' limits that a hysteresis reaches within its own distance."""
 
 
 def _stops(motion: Motion, place: Place, shape: Shape, scale: float) -> list[Vector]:
     x = remembered(motion, place)
     return [maxwell(x, f * scale * shape[0], 1.0) for f in STOPS]
+
+
+def _yields(beta: Vector, shape: Shape, detail: float) -> bool:
+    """Whether a good part of a hysteresis yields within its own distance; what only gives way later is a spring."""
+    early = beta[0] + sum(b for b, share in zip(beta[1:], STOPS, strict=False) if share < 1.0)
+    return bool(early >= YIELDING * beta.sum())
 
 
 def remembered(motion: Motion, place: Place) -> Vector:
@@ -1379,6 +1387,7 @@ CATALOGUE: dict[str, Effect] = {
             errors=_memory_errors,
             reference="Dahl 1968; Maxwell-slip: Lampaert, Swevers, Al-Bender 2002",
             detail=_stops,
+            plausible=_yields,
             error=0.1,
             sized_by="limit",
         ),
@@ -1772,6 +1781,11 @@ class Candidate:
             return replace(self, detail=1.0)
         width = sign_width(motions, self.place)
         return replace(self, detail=width, creeps=self.effect.detail is _transition and self._rests(motions, width))
+
+    @property
+    def bare(self) -> Candidate:
+        """Itself without what is left open about the sign of its velocity."""
+        return replace(self, detail=0.0, creeps=False) if self.has_doubts else self
 
     def _rests(self, motions: Sequence[Motion], width: float) -> bool:
         """Whether its coordinate stands still now and then."""

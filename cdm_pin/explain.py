@@ -160,7 +160,7 @@ def explain(
     search, accepted = settled(search, kept if left is None else [*kept, left])  # two may have hidden each other
     search, accepted = _unpatched(search, bank, accepted)
     explanation = _plainer(_renamed(explained(search, search.renewed(bank), accepted)))
-    explanation = _peaked(_simplest(explanation))
+    explanation = _pruned(_peaked(_simplest(explanation)))
     say.looked(explanation.fit)
     return explanation
 
@@ -177,6 +177,13 @@ def still_standing(explanation: Explanation) -> Explanation:
 
     kept = [candidate for j, candidate in enumerate(effects) if stands(j, candidate)]
     return explanation if len(kept) == len(effects) else explained(search, explanation.bank, kept)
+
+
+def _pruned(explanation: Explanation) -> Explanation:
+    """Drop what is superfluous beside the laws that now stand: other laws may have stood there when it was asked for."""
+    accepted = [f.candidate for f in explanation.found]
+    kept = prune(explanation.search, accepted)
+    return explanation if len(kept) == len(accepted) else explained(explanation.search, explanation.bank, kept)
 
 
 def _unpatched(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Search, list[Candidate]]:
@@ -625,7 +632,12 @@ def evidence(search: Search, without: Fit, candidate: Candidate, size: float) ->
 
 
 def _passes(search: Search, candidate: Candidate, score: Score, weight: float, fit: Fit) -> bool:
-    """Whether a candidate is significant, visible, and more than an error of the laws in the fit or in the model."""
+    """Whether a candidate is significant, visible, and more than an error of the laws in the fit or in the model.
+
+    What it leaves open about the sign of its velocity, which may look like much else, does not count.
+    """
+    if candidate.bare != candidate:
+        candidate, score = candidate.bare, search.score(fit, candidate.bare)
     if not candidate.effect.counts:
         candidate, score = search.refine(fit, candidate)
     robust = _is_significant(search, candidate, score, weight, fit)
@@ -1014,7 +1026,9 @@ def _stands(search: Search, candidate: Candidate, score: Score, without: Fit) ->
     """Whether an effect in the model passes as a new one would, or is resolved and too loud for an error of laws."""
     if _passes(search, candidate, score, 0.01, without):
         return True
-    return is_resolved(search, candidate, score.beta, without) and is_loud(robust_score(search, without, candidate))
+    bare = candidate.bare
+    score = search.score(without, bare)
+    return is_resolved(search, bare, score.beta, without) and is_loud(robust_score(search, without, bare))
 
 
 def _backwards(search: Search, fit: Fit, j: int) -> bool:
