@@ -670,6 +670,8 @@ def _finding(
         "time": time,
         "region": None if candidate.effect.name in ONCE else region(search, fit, j),
     }
+    if time is not None and len(search.problem.runs) > 1:
+        item["recording"] = search.problem.runs[int(candidate.shape[2])].name
     if candidate.effect.name == "hysteresis":
         item["memory"] = "cable tension" if candidate.remembers_tension else "angle"
     if judge is None or (candidate.effect.name not in ONCE and _due(judge, explanation, j) < BLIND):

@@ -1705,6 +1705,13 @@ class Candidate:
         """Effect and place, whatever the shape."""
         return self.effect.name, str(sorted(self.place.location.items()))
 
+    def clashes(self, other: Candidate) -> bool:
+        """Whether the two are one effect at one place, so that one says it all; pushes may come at two times."""
+        if self.key != other.key or self.effect.name != "external_torque":
+            return self.key == other.key
+        (start, end, run), (first, last, there) = self.shape[:3], other.shape[:3]
+        return run == there and start < last and first < end
+
     @cached_property
     def identity(self) -> Identity:
         """Effect, place, shape, what is left open, and whether its columns change with the model's torques."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -180,7 +181,7 @@ def still_standing(explanation: Explanation) -> Explanation:
 
 
 def _pruned(explanation: Explanation) -> Explanation:
-    """Drop what is superfluous beside the laws that now stand: other laws may have stood there when it was asked for."""
+    """Drop what is superfluous beside the laws that now stand; when it was asked for, others may have stood there."""
     accepted = [f.candidate for f in explanation.found]
     kept = prune(explanation.search, accepted)
     return explanation if len(kept) == len(accepted) else explained(explanation.search, explanation.bank, kept)
@@ -282,7 +283,7 @@ def _plainer(explanation: Explanation, equal: float = 1.0) -> Explanation:
         dry = replace(refined, effect=CATALOGUE["coulomb_friction"], shape=refined.shape[:1])
         for j, rival in ((j, c) for j, f in enumerate(found) for c, d in f.rivals if i != j and abs(d) < equal):
             trial = [dry if k == i else rival if k == j else c for k, c in enumerate(accepted)]
-            if not rival.named or len({c.key for c in trial}) < len(trial):
+            if not rival.named or any(a.clashes(b) for a, b in itertools.combinations(trial, 2)):
                 continue
             fit = search.fit(trial, whitener)
             fewer = search.size(*accepted) - search.size(*trial)
@@ -762,7 +763,7 @@ def _leaders(
     weight = [w for part in pool for w in part.weight]
     scores = [score for part in pool for score in search.score_all(fit, part)]
     for i, (candidate, score) in enumerate(zip(candidates, scores, strict=True)):
-        if score.visible < search.settings.visible or any(candidate.key == other.key for other in taken):
+        if score.visible < search.settings.visible or any(candidate.clashes(other) for other in taken):
             continue
         if loads and candidate.effect.follows:
             continue

@@ -396,8 +396,9 @@ def _unit(diagnosis: Content, motor: int) -> str:
 
 
 def _when(entry: Content) -> str:
-    time = entry.get("time")
-    return f" between {number(time[0], 4)} and {number(time[1], 4)} s" if time else ""
+    time, recording = entry.get("time"), entry.get("recording")
+    text = f" between {number(time[0], 4)} and {number(time[1], 4)} s" if time else ""
+    return text + (f" of {recording}" if text and recording else "")
 
 
 def _listed(words: Sequence[str], last: str = "and") -> str:
