@@ -184,11 +184,11 @@ def _beside_drifts(search: Search, progress: ProgressCallback | None) -> Explana
     if not any(c.effect.name == "external_torque" for c in found):
         return first
     again = search.with_drift(found)
-    if again.drift is first.search.drift or (again.drift is not None and again.drift.is_like(first.search.drift)):
-        return first
-    second = explain(again, progress)
-    better = _likelihood(second.search, [f.candidate for f in second.found]) > _likelihood(first.search, found)
-    return second if better and not second.search.is_swamped(second.fit) else first
+    others = [search] if again.drift is not None else []  # a few more pushes may still look like a drift
+    if again.drift is not first.search.drift and (again.drift is None or not again.drift.is_like(first.search.drift)):
+        others.append(again)
+    ways = [first, *(e for e in (explain(other, progress) for other in others) if not e.search.is_swamped(e.fit))]
+    return max(ways, key=lambda e: _likelihood(e.search, [f.candidate for f in e.found]))
 
 
 def _drifting(search: Search, most: int = 3) -> Search:

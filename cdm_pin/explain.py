@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import logsumexp
 
 from .completed import effect_candidates
 from .effects import CATALOGUE, Candidate, at_known_place, extremes, sign_width, twin_places
@@ -37,8 +36,6 @@ ROUNDED = 2.0
 """How many times the torque that steps of encoders bring a correction without a name has to make."""
 EVIDENT = 5.0
 """By how much log-evidence more a refinement is named that has more parameters than its likelihood seems to pay for."""
-RANGE, SCALES = 1000.0, 7
-"""How many times the torque that is seen of a law its own may be, and in how many steps that is weighed."""
 PASSAGE = 0.02
 """Share of friction below which its sign's passage through zero, as measured, shows no peak."""
 PREFERENCE = 2.0
@@ -606,13 +603,12 @@ def gain(search: Search, fit: Fit, candidate: Candidate, score: Score) -> float:
 
 
 def evidence(search: Search, without: Fit, candidate: Candidate, size: float) -> float:
-    """Give the log-likelihood of a candidate's law, whatever its coefficients, over that of nothing in its place.
+    """Give the log-likelihood that a candidate gains, less what its parameters could have fitted of anything.
 
     Before the data are seen, each coefficient may bring a torque as large as that which is explained, `size`, the
-    whitened sum of squares, or `RANGE` times larger, most of which masses cancel; every order of magnitude is as
-    likely. A refinement that the data hardly see costs nothing, one that they would see well costs as much as it could
-    have been off, and torques that masses have to cancel cost more the larger they are. What refines dry friction has
-    coefficients as large as its own. What is estimated of the shape counts as it does in Akaike's criterion.
+    whitened sum of squares: a refinement that the data hardly see costs nothing, one that they would see well costs as
+    much as it could have been off. What refines dry friction has coefficients as large as its own. What is estimated of
+    the shape counts as it does in Akaike's criterion.
     """
     columns = search.white(without.whitener, search.columns(candidate))
     norm = np.linalg.norm(columns, axis=1, keepdims=True)
@@ -620,16 +616,8 @@ def evidence(search: Search, without: Fit, candidate: Candidate, size: float) ->
     if candidate.effect.name in REFINING and norm[0] > 0:
         own = slice(1, len(candidate.effect.signs))  # without what details the sign of a velocity
         left[own] *= np.minimum(norm[own] / norm[0], 1.0)
-    score = search.score(without, candidate)
-    if not np.isfinite(score.statistic):
-        return -np.inf
-    bound = left[score.beta != 0.0]  # the others are held at zero by their signs
-    gram, seen, along = left @ left.T, bound @ bound.T, bound @ without.residual
-    known = []
-    for scale in max(size, 1.0) * np.logspace(0.0, 2.0 * np.log10(RANGE), SCALES):
-        fitted = along @ np.linalg.solve(np.eye(len(seen)) / scale + seen, along)
-        known.append(0.5 * fitted - 0.5 * np.linalg.slogdet(np.eye(len(gram)) + scale * gram)[1])
-    return float(logsumexp(known)) - np.log(SCALES) - candidate.extra
+    room = float(np.linalg.slogdet(np.eye(len(left)) + max(size, 1.0) * left @ left.T)[1])
+    return 0.5 * search.score(without, candidate).statistic - 0.5 * room - candidate.extra
 
 
 def _passes(search: Search, candidate: Candidate, score: Score, weight: float, fit: Fit) -> bool:

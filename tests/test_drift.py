@@ -8,19 +8,20 @@ from scipy.signal import lfilter
 
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.diagnose import diagnose
-from cdm_pin.drift import drift_columns, drifting_channels, slow_shapes, without_drift
+from cdm_pin.drift import Drift, drift_columns, drifting_channels, slow_shapes, without_drift
 from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.model import load_model
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording
 from cdm_pin.selection import Search, Settings
+from cdm_pin.wording import clause
 
 ARM = Path(__file__).resolve().parent.parent / "urdf" / "cdm2.yaml"
 W = np.array([1.1, 1.7])
 T = np.arange(0, 60, 0.005)
 
 
-def recording(seed, drift=0.0, coulomb=0.0, correlation=0.7, push=0.0, quick=0.0):
+def recording(seed, drift=0.0, coulomb=0.0, correlation=0.7, push=0.0, quick=0.0, at=(20.0,)):
     """One minute of the paper's arm: autoregressive noise of 0.02 N m, slow wave; joint 2 rubs and is pushed."""
     model, rng = load_model(ARM), np.random.default_rng(seed)
     phase = rng.uniform(0, 6, (3, 2))
@@ -29,7 +30,8 @@ def recording(seed, drift=0.0, coulomb=0.0, correlation=0.7, push=0.0, quick=0.0
     v = 0.6 * sum(k * W * np.cos(x) for k, x in zip((1, 2.3), angles, strict=True))
     a = -0.6 * sum((k * W) ** 2 * np.sin(x) for k, x in zip((1, 2.3), angles, strict=True))
     tau = inverse_dynamics(model, q, v, a) + coulomb * np.tanh(v / 0.01) * np.array([0.0, 1.0])
-    tau[(T > 20.0) & (T < 24.0), 1] -= push
+    for start in at:
+        tau[(start < T) & (start + 4.0 > T), 1] -= push
     white = 0.02 * np.sqrt(1 - correlation**2) * rng.standard_normal(q.shape)
     noise = lfilter([1.0], [1.0, -correlation], white, axis=0)
     slow = drift * np.sin(2 * np.pi * 0.019 * T[:, None] + phase[2])
@@ -120,3 +122,35 @@ def test_a_quick_drift_is_no_push():
     runs = [recording(seed, drift=0.02, quick=0.015) for seed in (40, 41)]
     assert search_of(runs[0]).with_drift().drift.quicker
     assert diagnose(load_model(ARM), runs[:1], runs[1:]).content["verdict"] == "consistent"
+
+
+def test_pushes_at_two_times_and_on_two_recordings_are_all_told():
+    """The same joint is pushed twice in one recording, and at one of these times in another; each push is one."""
+    runs = [recording(60, push=0.3, at=(20.0, 45.0)), recording(61, push=0.3), recording(62)]
+    content = diagnose(load_model(ARM), runs[:2], runs[2:]).content
+    assert {f["effect"] for f in content["findings"]} == {"external_torque"}
+    told = sorted((f["recording"], round(f["time"][0])) for f in content["findings"])
+    assert told == [("made60", 20), ("made60", 45), ("made61", 20)]
+    assert "of made61" in " ".join(clause(f) for f in content["findings"])
+
+
+def test_encoders_do_not_drift():
+    """Beside drifting zeros of torques, a constant travel between the encoders of unseen recordings stays visible."""
+    model, record = load_model(ARM), recording(70)
+    both = Recording(
+        T, dict(record.channels) | {"motor_position": model.motor_position(record.channels["joint_position"])}
+    )
+    search = Search(make_problem(model, [both]), base_parameters(model, columns=massive_columns(model)), Settings())
+    m, n = model.n_motors, search.problem.data[0].shape[2]
+    search.drift = Drift([np.zeros((0, 2 * m, n))], (0, 1))
+    (columns,) = search.drifts
+    for channel in range(2 * m):
+        own = columns[:, channel]
+        own = own[np.any(own, axis=1)].T
+        level = np.ones(n)
+        left = level - own @ np.linalg.lstsq(own, level, rcond=None)[0]
+        assert (np.linalg.norm(left) < 0.2 * np.sqrt(n)) == (channel < m)
+    error = np.ones((2 * m, n))
+    (still,) = search.still([error])
+    assert np.array_equal(still[m:], error[m:])
+    assert np.abs(still[:m]).mean() < 0.2

@@ -14,7 +14,7 @@ from cdm_pin.diagnose import diagnose
 from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.effects import CATALOGUE, Candidate, at_known_place, guide_places, joint_places, pair_places
 from cdm_pin.explain import is_plausible
-from cdm_pin.findings import with_law_errors
+from cdm_pin.findings import absorbed, with_law_errors
 from cdm_pin.model import load_model
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording
@@ -250,6 +250,51 @@ def test_friction_that_drives_is_none(name):
     for other, fits in ((0.5, True), (1.4, False), (-1.4, False)):
         beta = np.array([1.0, other, 0.0][: len(candidate.effect.signs)])
         assert is_plausible(candidate, Score(1e4, 2, beta, 1.0, 1.0)) == fits
+
+
+def test_a_peak_beside_other_friction_refines_nothing():
+    """At a place where dry friction has a law already, unequal or drifting friction may have its share, a peak not."""
+    place = joint_places(load_model("urdf/cdm2.yaml"))[1]
+    dry = Candidate(CATALOGUE["load_dependent_friction"], place, (0.01,))
+    for name, shape, fits in (("asymmetric_friction", (0.01,), True), ("stribeck_friction", (0.01, 0.1), False)):
+        score = Score(1e4, 2, np.array([0.0, 0.5]), 1.0, 1.0)
+        assert is_plausible(Candidate(CATALOGUE[name], place, shape), score, [dry]) == fits
+
+
+@pytest.mark.parametrize(
+    ("limits", "fits"), [((1, 0, 0, 2, 0), True), ((0, 0, 1, 0, 0), True), ((0, 0, 1, 2.5, 6), False)]
+)
+def test_a_hysteresis_yields(limits, fits):
+    """Elements that hardly give way within the range make a spring, whatever they would do beyond."""
+    place = joint_places(load_model("urdf/cdm2.yaml"))[0]
+    candidate = Candidate(CATALOGUE["hysteresis"], place, (2.0, 0.0), 1.0)
+    assert is_plausible(candidate, Score(1e4, 2, np.array(limits, float), 1.0, 1.0)) == fits
+
+
+def test_what_a_law_leaves_open_is_no_part_of_it():
+    place = joint_places(load_model("urdf/cdm2.yaml"))[0]
+    dry = Candidate(CATALOGUE["coulomb_friction"], place, (0.01,))
+    assert replace(dry, detail=0.02, creeps=True).bare == dry
+    stops = Candidate(CATALOGUE["hysteresis"], place, (0.1, 0.0), 1.0)
+    assert stops.bare is stops  # its elements are physics
+
+
+def test_a_sign_that_coarse_encoders_blur_makes_no_peak(tmp_path):
+    """Dry friction: with a peak, two hundredths of it are said better."""
+    model, runs, unseen, _ = loaded_trial(tmp_path, 9011, effects=["coulomb_friction"], bits=14)
+    (finding,) = diagnose(model, runs, unseen).content["findings"]
+    assert (finding["effect"], finding["location"]) == ("coulomb_friction", {"kind": "joint", "index": 2})
+
+
+def test_what_the_findings_take_up_is_not_called_absorbed_by_masses(tmp_path):
+    """Drifting friction takes the place of dry friction there; masses cannot be it."""
+    model, runs, unseen, _ = loaded_trial(tmp_path, 3, effects=["friction_drift"], n_links=2, noise="white")
+    told = diagnose(model, runs, unseen)
+    assert [f["effect"] for f in told.content["findings"]] == ["friction_drift"]
+    assert not {e["effect"] for e in absorbed(told.explanation.search, told.explanation)} & {"coulomb_friction"}
+    rows = [row for row in told.content["sensitivity"] if row["effect"] == "coulomb_friction"]
+    hidden = [row for row in rows if row["visible_fraction"] < 0.01]
+    assert hidden and not any(row["absorbed_by"] for row in hidden)
 
 
 def test_no_law_that_needs_absurd_masses(tmp_path):
