@@ -89,7 +89,7 @@ def plan_next(
             break
     tried.sort(key=lambda item: -item[0])
     most, best = tried[0]
-    for _, plain in tried[:2] if best.power <= enough and search.problem.torque else []:
+    for _, plain in tried[:2] if search.problem.torque else []:
         before = plain.motion.pretension
         if before:
             change = f"pretension {before:.4g} -> {1.5 * before:.4g} N"
