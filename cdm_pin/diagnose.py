@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -96,6 +96,8 @@ class Diagnosis:
         Recorded motion beside that of the rigid and of the completed model.
     experiment : Experiment or None
         What to record next where rivals are left.
+    listed : tuple of int
+        The findings of the content, by their number in the explanation.
     """
 
     content: dict[str, Any]
@@ -106,6 +108,7 @@ class Diagnosis:
     holdout: Search | None = None
     replays: tuple[Replay, ...] = ()
     experiment: Experiment | None = None
+    listed: tuple[int, ...] = ()
 
 
 def diagnose(
@@ -173,9 +176,10 @@ def diagnose(
 
 
 def _beside_drifts(search: Search, progress: ProgressCallback | None) -> Explanation:
-    """Explain the recordings beside drifting zeros, where these drift; anew if pushes that were found hid, or made, it.
+    """Explain the recordings beside drifting zeros, where these drift; the likeliest explanation stands.
 
-    The likelier explanation stands.
+    If pushes were found, it is done anew beside the drift that is left then, as they may have hid or made one, and
+    beside none, as a few more pushes may still look like one.
     """
     first = explain(_drifting(search), progress)
     if first.search.is_swamped(first.fit):
@@ -183,11 +187,11 @@ def _beside_drifts(search: Search, progress: ProgressCallback | None) -> Explana
     found = [f.candidate for f in first.found]
     if not any(c.effect.name == "external_torque" for c in found):
         return first
-    again = search.with_drift(found)
-    others = [search] if again.drift is not None else []  # a few more pushes may still look like a drift
-    if again.drift is not first.search.drift and (again.drift is None or not again.drift.is_like(first.search.drift)):
-        others.append(again)
-    ways = [first, *(e for e in (explain(other, progress) for other in others) if not e.search.is_swamped(e.fit))]
+    ways, again = [first], search.with_drift(found)
+    for other in (search, again) if again.drift is not None else (search,):
+        if not other.drifts_like(first.search):
+            there = explain(other, progress)
+            ways += [] if there.search.is_swamped(there.fit) else [there]
     return max(ways, key=lambda e: _likelihood(e.search, [f.candidate for f in e.found]))
 
 
@@ -598,7 +602,7 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
         "data": _data(search.problem),
         "names": {"joint": list(model.joints), "motor": list(model.motors)},
     }
-    experiment = plan_next(search, explanation, _unresolved(explanation, items))
+    experiment = plan_next(search, explanation, _unresolved(explanation, dict(zip(stated, items, strict=True))))
     if experiment is not None:
         content["next_experiment"] = {
             "file": "next.csv",
@@ -609,18 +613,17 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
     completed = completed_manipulator(model, search, fit, tuple(records), covariance)
     replays = replay_runs(search, judge, own_rigid, fit, completed)
     content["fit"]["simulated_position"] = simulated_position(replays)
-    return Diagnosis(content, search.problem.model, completed, explanation, search, judge, replays, experiment)
+    parts = explanation, search, judge, replays, experiment, tuple(stated)
+    return Diagnosis(content, search.problem.model, completed, *parts)
 
 
-def _unresolved(explanation: Explanation, items: Sequence[dict[str, Any]]) -> list[tuple[int, Candidate]]:
+def _unresolved(explanation: Explanation, items: Mapping[int, dict[str, Any]]) -> list[tuple[int, Candidate]]:
     """List findings, by their number, with the rivals that were listed beside them and are other effects."""
     out = []
-    for item in items:
-        for j, found in enumerate(explanation.found):
-            if (found.candidate.effect.name, found.candidate.location) != (item["effect"], item["location"]):
-                continue
-            listed = [(e["effect"], e["location"]) for e in item["indistinguishable_from"]]
-            out += [(j, c) for c, _ in found.rivals if (c.effect.name, c.location) in listed][:2]
+    for j, item in items.items():
+        listed = [(e["effect"], e["location"]) for e in item["indistinguishable_from"]]
+        rivals = (c for c, _ in explanation.found[j].rivals if (c.effect.name, c.location) in listed)
+        out += [(j, c) for c in rivals][:2]
     return out[:2]
 
 
@@ -659,7 +662,7 @@ def _finding(
         "parameters": {
             name: v | {"unit": unit_at(search.problem.model, candidate.location, v["unit"], name)}
             for name, v in values.items()
-            if name not in ("start", "end")
+            if name not in ("start", "end", "recording")
         },
         "evidence": {
             "delta_bic": delta_bic,

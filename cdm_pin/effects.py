@@ -502,7 +502,7 @@ def _brakes(n: int) -> Callable[[Vector, Shape, float], bool]:
 STOPS = (0.3, 0.8, 2.0, 5.0)
 """Distances of the further elements of a hysteresis, over its own."""
 YIELDING = 0.25
-"""Least share of its elements' limits that a hysteresis reaches within its own distance."""
+"""Least share of its elements' limits in those that have given way within a hysteresis's own distance."""
 
 
 def _stops(motion: Motion, place: Place, shape: Shape, scale: float) -> list[Vector]:
@@ -1706,11 +1706,15 @@ class Candidate:
         return self.effect.name, str(sorted(self.place.location.items()))
 
     def clashes(self, other: Candidate) -> bool:
-        """Whether the two are one effect at one place, so that one says it all; pushes may come at two times."""
+        """Whether the two are one effect at one place, so that one says it all; pushes may come at two times.
+
+        They are two where more time passes between them than the shorter one takes: what is left beside one that
+        swells and fades is no other.
+        """
         if self.key != other.key or self.effect.name != "external_torque":
             return self.key == other.key
         (start, end, run), (first, last, there) = self.shape[:3], other.shape[:3]
-        return run == there and start < last and first < end
+        return run == there and max(start, first) - min(end, last) < min(end - start, last - first)
 
     @cached_property
     def identity(self) -> Identity:
@@ -1790,9 +1794,14 @@ class Candidate:
         return replace(self, detail=width, creeps=self.effect.detail is _transition and self._rests(motions, width))
 
     @property
+    def dry(self) -> Candidate:
+        """Dry friction in its place, as wide about standstill."""
+        return replace(self, effect=CATALOGUE["coulomb_friction"], shape=self.shape[:1])
+
+    @property
     def bare(self) -> Candidate:
         """Itself without what is left open about the sign of its velocity."""
-        return replace(self, detail=0.0, creeps=False) if self.has_doubts else self
+        return replace(self, detail=0.0, creeps=False) if self.detail and self.has_doubts else self
 
     def _rests(self, motions: Sequence[Motion], width: float) -> bool:
         """Whether its coordinate stands still now and then."""
@@ -1890,9 +1899,8 @@ def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]], *, swing
 
 
 def _loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motion:
-    motion = replace(motion, offset=None, tilt=None, extra_driven=None, shift=None, map_errors=())
     springs = tuple((np.array(c.place.A), _powers(beta)) for c, beta in effects if c.effect.name == "joint_spring")
-    motion = replace(motion, springs=springs)
+    motion = replace(motion, offset=None, tilt=None, extra_driven=None, shift=None, map_errors=(), springs=springs)
     joint, motor = np.zeros_like(motion.q), np.zeros_like(motion.q_m)
     moving = [(c.effect.moves, c, beta) for c, beta in effects if c.effect.moves is not None]
     for moves, candidate, beta in sorted(moving, key=lambda item: item[1].effect.follows):

@@ -18,7 +18,9 @@ from .robust import UNSURE, is_coarse, robust_score
 from .selection import Bank, Fit, ProgressCallback, Score, Search, all_candidates, family_wise, rms, tones
 from .whitening import Whitener
 
-REFINING = ("stribeck_friction", "asymmetric_friction", "position_dependent_friction", "friction_drift")
+SHARING = ("asymmetric_friction", "position_dependent_friction", "friction_drift")
+"""Refinements of dry friction that another law at their place may have the dry part of."""
+REFINING = ("stribeck_friction", *SHARING)
 """Laws whose first column is dry friction, the others what refines it."""
 UNLIKELIER = "transmission_ratio_error"
 """Less likely than what is as simple and explains as much: radii of pulleys are known better than gains of torques."""
@@ -179,9 +181,7 @@ def still_standing(explanation: Explanation) -> Explanation:
 
 def _pruned(explanation: Explanation) -> Explanation:
     """Drop what is superfluous beside the laws that now stand; when it was asked for, others may have stood there."""
-    accepted = [f.candidate for f in explanation.found]
-    kept = prune(explanation.search, accepted)
-    return explanation if len(kept) == len(accepted) else explained(explanation.search, explanation.bank, kept)
+    return _with(explanation, prune(explanation.search, [f.candidate for f in explanation.found]))
 
 
 def _unpatched(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Search, list[Candidate]]:
@@ -277,9 +277,8 @@ def _plainer(explanation: Explanation, equal: float = 1.0) -> Explanation:
     for i, refined in enumerate(accepted):
         if refined.effect.name not in REFINING:
             continue
-        dry = replace(refined, effect=CATALOGUE["coulomb_friction"], shape=refined.shape[:1])
         for j, rival in ((j, c) for j, f in enumerate(found) for c, d in f.rivals if i != j and abs(d) < equal):
-            trial = [dry if k == i else rival if k == j else c for k, c in enumerate(accepted)]
+            trial = [refined.dry if k == i else rival if k == j else c for k, c in enumerate(accepted)]
             if not rival.named or any(a.clashes(b) for a, b in itertools.combinations(trial, 2)):
                 continue
             fit = search.fit(trial, whitener)
@@ -336,8 +335,8 @@ def _simplest_at(explanation: Explanation, j: int, taken: Sequence[tuple[str, st
             if _is_all_but_errors(search, without, best, c):
                 return c
         top = max(alike, key=lambda c: known[c.identity])
-        least = known[top.identity] - _within(search, top, statistic, PREFERENCE)
-        alike = [c for c in alike if known[c.identity] >= least]
+        worst = known[top.identity] - _within(search, top, statistic, PREFERENCE)
+        alike = [c for c in alike if known[c.identity] >= worst]
     rubs = "coulomb_friction" in best.effect.confounded
 
     def order(c: Candidate) -> tuple[int, bool, bool]:
@@ -348,8 +347,8 @@ def _simplest_at(explanation: Explanation, j: int, taken: Sequence[tuple[str, st
 
 def _within(search: Search, law: Candidate, statistic: float, least: float) -> float:
     """Say by how much log-likelihood another law may be worse than this one, of some statistic, to be as good."""
-    error = PASSAGE if law.effect.name == "stribeck_friction" else search.settings.law_error
-    return max(least, 0.5 * error**2 * statistic)
+    error = PASSAGE if law.effect.name == "stribeck_friction" else None
+    return search.settings.within(statistic, error, least)
 
 
 def _is_all_but_errors(search: Search, without: Fit, own: Candidate, rival: Candidate) -> bool:
@@ -477,6 +476,8 @@ def _grow(search: Search, bank: Bank, accepted: list[Candidate], say: Reporter) 
         winner = _winner(search, clear, leaders)
         if winner is None or (accepted and _is_outdone(search, clear, bank, accepted, winner)):
             break
+        if any(winner[0].clashes(c) for c in accepted):  # a push that grew into another one
+            break
         accepted = search.tuned([*accepted, winner[0]], clear.whitener)
         search = search.about(search.fit(accepted, clear.whitener))
         bank = search.renewed(bank)
@@ -507,7 +508,7 @@ def _sided(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Searc
         fit = there.fit(effects, whitener)
         return fit.deviance + np.log(fit.n_rows) * there.size(*effects), there, effects
 
-    plain, model, best = CATALOGUE["coulomb_friction"], search.problem.model, None
+    model, best = search.problem.model, None
     for j, candidate in enumerate(accepted):
         if not (candidate.named and candidate.loads and len(candidate.place.index) == 1):
             continue
@@ -517,8 +518,8 @@ def _sided(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Searc
                 continue
             best = best or judged(accepted)
             laws = [replace(candidate, place=twin)]
-            if candidate.effect.nuisance_shape and candidate.effect is not plain:
-                laws.append(replace(laws[0], effect=plain, shape=candidate.shape[:1]))
+            if candidate.effect.nuisance_shape and laws[0].dry != laws[0]:
+                laws.append(laws[0].dry)
             for law in laws:
                 other = judged([*accepted[:j], law, *accepted[j + 1 :]])
                 if other[0] < best[0] - 10.0:
@@ -625,8 +626,7 @@ def _passes(search: Search, candidate: Candidate, score: Score, weight: float, f
 
     What it leaves open about the sign of its velocity, which may look like much else, does not count.
     """
-    if candidate.bare != candidate:
-        candidate, score = candidate.bare, search.score(fit, candidate.bare)
+    candidate, score = _bare(search, fit, candidate, score)
     if not candidate.effect.counts:
         candidate, score = search.refine(fit, candidate)
     robust = _is_significant(search, candidate, score, weight, fit)
@@ -634,6 +634,11 @@ def _passes(search: Search, candidate: Candidate, score: Score, weight: float, f
         return robust is not None
     own = score.beta @ fit.rest(search.white(fit.whitener, search.columns(candidate)))
     return robust.statistic > _error_of_laws(search, candidate, own, fit)
+
+
+def _bare(search: Search, fit: Fit, candidate: Candidate, score: Score) -> tuple[Candidate, Score]:
+    """Give a candidate, and its score, without what it leaves open about the sign of its velocity."""
+    return (candidate, score) if candidate.bare is candidate else (candidate.bare, search.score(fit, candidate.bare))
 
 
 def _is_significant(search: Search, candidate: Candidate, score: Score, weight: float, fit: Fit) -> Score | None:
@@ -855,10 +860,9 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
 def is_plausible(candidate: Candidate, score: Score, beside: Sequence[Candidate] = ()) -> bool:
     """Whether coefficients are such as a law may have; dry friction `beside` it, at its place, has its own share.
 
-    Not so a peak alone: with it, the sign of that friction would only pass through zero in another way.
+    Not so a peak: without friction of its own, the sign of the other would only pass through zero in another way.
     """
-    refines = candidate.effect.name in REFINING and candidate.effect.name != "stribeck_friction"
-    shared = refines and any(c.has_doubts and _meets(candidate, c) for c in beside)
+    shared = candidate.effect.name in SHARING and any(c.has_doubts and _meets(candidate, c) for c in beside)
     return shared or candidate.effect.plausible(score.beta, candidate.shape, candidate.detail)
 
 
@@ -1015,8 +1019,7 @@ def _stands(search: Search, candidate: Candidate, score: Score, without: Fit) ->
     """Whether an effect in the model passes as a new one would, or is resolved and too loud for an error of laws."""
     if _passes(search, candidate, score, 0.01, without):
         return True
-    bare = candidate.bare
-    score = search.score(without, bare)
+    bare, score = _bare(search, without, candidate, score)
     return is_resolved(search, bare, score.beta, without) and is_loud(robust_score(search, without, bare))
 
 
@@ -1036,6 +1039,8 @@ def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> F
     own = gain(search, without, candidate, score)
     rivals = []
     for leader, _, _ in _leaders(search, without, bank, 12, accepted, None, [candidate]):
+        if leader.key == candidate.key:  # another push
+            continue
         if candidate.detail:
             leader = leader.detailed(search.problem.motions)
         leader = _same_width(leader, candidate)

@@ -160,9 +160,13 @@ POSTURE = ("encoder_offset", "base_tilt")
 """What moves links to where no encoder says they are, at rest already."""
 EQUAL = 0.9999
 """Canonical correlation of dry friction with what is dry friction on these data."""
+HIDDEN = 0.3
+"""Share that is left over of an effect of which it is said what takes the rest."""
+UNSEEN = 1.0
+"""Whitened sum of squares of a difference that no data show."""
 LEAST = 0.002
 """Relative accuracy beyond which no parameter is known."""
-SHAPES = ("phase", "cycles", "form", "ratio", "stribeck_velocity", "time_constant", "rest", "start", "end")
+SHAPES = ("phase", "cycles", "form", "ratio", "stribeck_velocity", "time_constant", "rest", "start", "end", "recording")
 """Parameters that say what an effect looks like, not how large it is."""
 
 
@@ -261,7 +265,8 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
         asked = rubs or not within
         likeness = canonical_correlation(search, without, found.candidate, rival) if asked else 0.0
         if within or likeness > settings.same:
-            alike.append((rubs and likeness > EQUAL and rival.effect.name in STILL_DRY, rival))
+            same = rubs and (likeness > EQUAL or (1.0 - likeness**2) * found.score.statistic < UNSEEN)
+            alike.append((same and rival.effect.name in STILL_DRY, rival))
     for _, rival in sorted(alike, key=lambda item: item[0]):  # the same elsewhere, guides and capstans last
         add(rival.effect.name, rival.location)
     effect = found.candidate.effect
@@ -342,8 +347,8 @@ def sensitivities(search: Search, explanation: Explanation) -> list[dict[str, An
             "visible_fraction": round(float(visible), 4),
             "absorbed_by": [],
         }
-        if visible <= 0.3 and candidate.key not in rows:
-            row["absorbed_by"] = _absorbing(search, explanation.fit, candidate, 0.3)
+        if visible <= HIDDEN and candidate.key not in rows:
+            row["absorbed_by"] = _absorbing(search, explanation.fit, candidate, HIDDEN)
         old = rows.get(candidate.key)
         if old is None or (row["amplitude"] or np.inf) < (old["amplitude"] or np.inf):
             rows[candidate.key] = row | {"absorbed_by": row["absorbed_by"] or (old or row)["absorbed_by"]}
@@ -368,12 +373,11 @@ def _absorbing(search: Search, fit: Fit, candidate: Candidate, most: float) -> l
     W = search.white(fit.whitener, columns)
     A, b = W[:-1].T, W[-1]
     scale = np.linalg.norm(A, axis=0)
-    scale[scale == 0] = 1.0
-    share = np.linalg.lstsq(A / scale, b, rcond=1e-8)[0]
-    size = float(np.linalg.norm(b))
-    if np.linalg.norm(b - A / scale @ share) > most * size:
+    A = A / np.where(scale > 0, scale, 1.0)
+    theta, size = np.linalg.lstsq(A, b, rcond=1e-8)[0], float(np.linalg.norm(b))
+    if np.linalg.norm(b - A @ theta) > most * size:
         return []
-    share = np.abs(share) / (size or 1.0)
+    share = np.abs(theta) / (size or 1.0)
     return [names[i] for i in np.argsort(-share)[:3] if share[i] > 0.1]
 
 

@@ -22,13 +22,13 @@ def gather(diagnosis: Diagnosis) -> Evidence:
     runs = _runs(search, rigid, explanation.fit, False)
     if diagnosis.holdout is not None:
         runs += _runs(diagnosis.holdout, rigid, explanation.fit, True)
-    named = _listed(diagnosis, explanation)
+    named = [explanation.found[j] for j in diagnosis.listed]
     patches = [f for f in explanation.found if not f.candidate.named]
     return Evidence(
         runs=tuple(runs),
         noise_floor=np.array(diagnosis.content["fit"]["train"]["noise_floor"]),
-        laws=tuple(_law(search, explanation, f) if f else None for f in named),
-        rivals=tuple(_rivals(f) if f else () for f in named),
+        laws=tuple(_law(search, explanation, f) for f in named),
+        rivals=tuple(_rivals(f) for f in named),
         unexplained=_law(search, explanation, patches[0]) if patches else None,
         simulated=tuple(_simulated(replay, joint_units(search.problem.model)) for replay in diagnosis.replays[:1]),
         notices=tuple(notice for run in search.problem.runs for notice in run.signals.notices),
@@ -41,12 +41,6 @@ def _simulated(replay: Replay, units: tuple[str, ...], most: int = 5) -> Simulat
     anew = np.arange(1, round((time[-1] + replay.time[1]) / replay.horizon)) * (len(replay.time) - 1)
     parts = (np.insert(x, anew, np.nan, axis=0) for x in motions)
     return SimulatedMotion(np.insert(time, anew, time[anew]), *parts, label=replay.label, units=units)
-
-
-def _listed(diagnosis: Diagnosis, explanation: Explanation) -> list[Found | None]:
-    by_key = {(f.candidate.effect.name, str(f.candidate.location)): f for f in explanation.found}
-    keys = [(item["effect"], str(item["location"])) for item in diagnosis.content["findings"]]
-    return [by_key.get(key) for key in keys]
 
 
 def _runs(search: Search, rigid: Fit, fit: Fit, holdout: bool) -> list[RunEvidence]:

@@ -208,8 +208,8 @@ def check_posture(model: CableModel, limits: Limits, q: Vector) -> None:
     zero = np.zeros((1, model.n_joints))
     tau_m = motor_torques(model, np.atleast_2d(q), zero, zero)[0]
     worst = int((np.abs(tau_m) / limits.motor_torque).argmax())
-    unit = motor_units(model, True)[worst]
     if abs(tau_m[worst]) >= limits.motor_torque[worst]:
+        unit = motor_units(model, True)[worst]
         raise InfeasibleLimits(
             f"infeasible limits: standing still at the middle of the excitation takes {abs(tau_m[worst]):.4g} {unit} "
             f"at motor {worst + 1}, {limits.motor_torque[worst]:.4g} {unit} are allowed (torque limit or cable tension)"

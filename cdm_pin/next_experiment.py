@@ -17,6 +17,11 @@ from .motion import Motion
 from .problem import Problem, Run
 from .selection import Search
 
+TENSER = 1.5
+"""How many times the pretension is tried as well."""
+WORTH = 1.1
+"""How many times the margin another pretension has to bring."""
+
 
 @dataclass(frozen=True)
 class Experiment:
@@ -56,8 +61,8 @@ def plan_next(
 ) -> Experiment | None:
     """Find the motion that best separates findings from their rivals, within the range and speed that were recorded.
 
-    Random Fourier series, slow and fast, of all joints and of one at a time, the best also with half as much pretension
-    again; each is judged by what the rival and the rigid body leave of the finding there.
+    Random Fourier series, slow and fast, of all joints and of one at a time, the best slow and the best fast one with
+    more pretension, too; each is judged by what the rival and the rigid body leave of the finding there.
 
     Parameters
     ----------
@@ -66,13 +71,13 @@ def plan_next(
     rivals : sequence of (int, Candidate)
         Findings by their number, each with what it cannot be told from.
     draws : int
-        Motions of each kind.
+        Motions, one at least.
     duration : float
         [s].
     least : float
         Power below which no experiment is proposed.
     enough : float
-        Power beyond which no better one is looked for.
+        Power beyond which no further one is drawn.
     """
     if not rivals:
         return None
@@ -87,16 +92,21 @@ def plan_next(
         tried.append(judged(random_motion(search.problem, rng, duration, slow=bool(draw % 2), alone=draw % 4 == 3)))
         if tried[-1][1].power > enough:
             break
-    tried.sort(key=lambda item: -item[0])
-    most, best = tried[0]
-    for _, plain in tried[:2] if search.problem.torque else []:
-        before = plain.motion.pretension
-        if before:
-            change = f"pretension {before:.4g} -> {1.5 * before:.4g} N"
-            margin, tense = judged(replace(plain.motion, pretension=1.5 * before), change)
-            if margin > max(1.1 * most, most + 0.1):
-                most, best = margin, tense
+    most, best = max(tried, key=lambda item: item[0])
+    kinds = [max(own, key=lambda item: item[0])[1].motion for own in (tried[::2], tried[1::2]) if own]
+    tense = [judged(*changed) for motion in kinds if search.problem.torque and (changed := _tenser(motion))]
+    if tense:
+        margin, other = max(tense, key=lambda item: item[0])
+        best = other if margin > max(WORTH * most, most + 0.1) else best
     return best if best.power >= least else None
+
+
+def _tenser(motion: Motion) -> tuple[Motion, str] | None:
+    """Give a motion with more pretension, and say so; None where there is none."""
+    if not motion.pretension:
+        return None
+    changed = replace(motion, pretension=TENSER * motion.pretension)
+    return changed, f"pretension {motion.pretension:.4g} -> {changed.pretension:.4g} N"
 
 
 def separation(

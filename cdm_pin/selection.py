@@ -69,9 +69,10 @@ class Settings:
     most: int = 6
     at_once: int = 2
 
-    def within(self, statistic: float) -> float:
+    def within(self, statistic: float, error: float | None = None, least: float | None = None) -> float:
         """Say by how much log-likelihood a rival may be worse to stand beside an effect of this statistic."""
-        return max(self.close, 0.5 * self.law_error**2 * statistic)
+        error = self.law_error if error is None else error
+        return max(self.close if least is None else least, 0.5 * error**2 * statistic)
 
 
 COMPLIANT = ("cable_elasticity", "cable_slack")
@@ -379,6 +380,10 @@ class Search:
                 search.__dict__[name] = self.__dict__[name]
         return search
 
+    def drifts_like(self, other: Search) -> bool:
+        """Whether the zeros of the same motors drift as quickly in another search, or none in either."""
+        return other.drift is None if self.drift is None else self.drift.is_like(other.drift)
+
     def is_swamped(self, fit: Fit) -> bool:
         """Whether the drift in a fit is so much larger than what is left that it is no drift of a sensor.
 
@@ -641,7 +646,8 @@ class Search:
     def drifts(self) -> list[Vector]:
         """Columns of what the zeros of sensors do on recordings that are judged: for every channel and run alone.
 
-        A constant stays visible beside them, unless the zeros of torques were seen to drift; encoders do not.
+        Something of a constant stays visible beside them, unless the zeros of torques were seen to drift; those of
+        encoders do not.
         """
         channels = range(self.problem.n_channels)
         if self.drift is None:

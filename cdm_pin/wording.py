@@ -313,10 +313,10 @@ def effect_name(effect: str) -> str:
 
 
 def candidate(entry: Content) -> str:
-    """Name an effect and its place: ``"dry friction of joint 2"``."""
+    """Name an effect and its place, and when it was: ``"dry friction of joint 2"``."""
     location = entry.get("location") or {}
     where = "" if location.get("kind") in (None, "base", "system") else f" of {place(location)}"
-    return effect_name(str(entry.get("effect"))) + where
+    return effect_name(str(entry.get("effect"))) + where + _when(entry)
 
 
 def place(location: Content) -> str:

@@ -204,8 +204,9 @@ def test_what_a_base_parameter_may_as_well_be_starts_at_its_own_link():
 def test_unseen_recordings_do_not_speak_against_what_they_cannot_show(tmp_path, monkeypatch, shows):
     """A play of a twentieth of a degree beside drifting torques; unseen recordings confirm it where they could."""
     model, runs, unseen, _ = loaded_trial(tmp_path, 40, effects=["backlash"], positions="both", n_links=2)
-    if not shows:
+    if not shows:  # with the play they are no likelier
         monkeypatch.setattr(diagnosis, "_due", lambda judge, explanation, j: 0.0)
+        monkeypatch.setattr(diagnosis, "deviance_unseen", lambda judge, fit: float(len(fit.effects)))
     (finding,) = diagnose(model, runs, unseen).content["findings"]
     assert finding["effect"] == "backlash"
     assert finding.get("unconfirmed", False) != shows
@@ -260,8 +261,12 @@ def test_a_peak_beside_other_friction_refines_nothing():
     """At a place where dry friction has a law already, unequal or drifting friction may have its share, a peak not."""
     place = joint_places(load_model("urdf/cdm2.yaml"))[1]
     dry = Candidate(CATALOGUE["load_dependent_friction"], place, (0.01,))
-    for name, shape, fits in (("asymmetric_friction", (0.01,), True), ("stribeck_friction", (0.01, 0.1), False)):
-        score = Score(1e4, 2, np.array([0.0, 0.5]), 1.0, 1.0)
+    for name, shape, own, fits in (
+        ("asymmetric_friction", (0.01,), 0.0, True),
+        ("stribeck_friction", (0.01, 0.1), 0.0, False),
+        ("stribeck_friction", (0.01, 0.1), 0.2, True),
+    ):
+        score = Score(1e4, 2, np.array([own, 0.2]), 1.0, 1.0)
         assert is_plausible(Candidate(CATALOGUE[name], place, shape), score, [dry]) == fits
 
 
