@@ -141,6 +141,8 @@ class Effect:
     error : float
         Share of itself that the law may be wrong by; what else is found at the same time has to be larger. How a sign
         of velocity passes through zero is counted apart (`Candidate.doubts`).
+    signed : callable
+        Shape -> whether the signs hold; by default always.
     plausible : callable
         Coefficients, shape, scale of the detail -> whether they are such as the law may have.
     leaves_open : callable, optional
@@ -171,6 +173,7 @@ class Effect:
     carried: bool = True
     errors: Callable[[Place, Shape], dict[str, float]] = lambda place, shape: {}
     error: float = 0.01
+    signed: Callable[[Shape], bool] = lambda shape: True
     plausible: Callable[[Vector, Shape, float], bool] = lambda beta, shape, detail: True
     leaves_open: Callable[[Motion, Place, Shape, BaseParameters, Vector], Columns] | None = None
     detail: Callable[[Motion, Place, Shape, float], list[Vector]] | None = None
@@ -1415,6 +1418,7 @@ CATALOGUE: dict[str, Effect] = {
             _spring_physical,
             lambda m, p: [(0.0,), (1.0,)],
             signs=(1, 0),
+            signed=lambda shape: not shape[0],  # that of a polynomial hangs on where zero is
             error=0.001,  # a polynomial of a measured angle
             confounded=("base_tilt", "encoder_offset"),
             revealed_by="slow strokes both ways over the whole range",
@@ -1792,6 +1796,11 @@ class Candidate:
             return replace(self, detail=1.0)
         width = sign_width(motions, self.place)
         return replace(self, detail=width, creeps=self.effect.detail is _transition and self._rests(motions, width))
+
+    @property
+    def signs(self) -> tuple[int, ...]:
+        """Signs that its coefficients must have, 0 where any will do."""
+        return self.effect.signs if self.effect.signed(self.shape) else (0,) * len(self.effect.signs)
 
     @property
     def dry(self) -> Candidate:

@@ -1027,7 +1027,7 @@ def _backwards(search: Search, fit: Fit, j: int) -> bool:
     """Whether the leading coefficient of effect `j` cannot be negative but is, by more than three standard errors."""
     start = search.n_rigid + sum(len(beta) for beta in fit.beta[:j])
     std = np.sqrt(max(fit.covariance[start, start], 0.0))
-    signs = fit.effects[j].effect.signs
+    signs = fit.effects[j].signs
     return bool(signs[:1] == (1,) and not any(signs[1:]) and fit.beta[j][0] < -3 * std)
 
 

@@ -63,7 +63,7 @@ def _in_bursts(search: Search, fit: Fit, candidate: Candidate) -> Score:
     room = np.linalg.inv(np.eye(len(Z)) + Z @ Z.T)
     c = X @ fit.residual - (X @ Z.T) @ room @ (Z @ fit.residual)
     gram = X @ X.T - (X @ Z.T) @ room @ (Z @ X.T)
-    score = scored(gram, c, np.einsum("ij,ij->i", W, W), np.diag(gram), candidate.effect.signs)
+    score = scored(gram, c, np.einsum("ij,ij->i", W, W), np.diag(gram), candidate.signs)
     if not np.isfinite(score.statistic) or not candidate.named:  # the latter leaves what it does not describe
         return score
     own = score.beta @ X

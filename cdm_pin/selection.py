@@ -932,7 +932,7 @@ class Search:
         inside, c = white.W @ fit.Q, white.W @ fit.residual
         left = np.maximum(white.left - np.einsum("ij,ij->i", inside, inside), 0.0)
         single = _score_single(c, white.full, left)
-        signs = [candidate.effect.signs for candidate in bank.candidates]
+        signs = [candidate.signs for candidate in bank.candidates]
         out = [_single(single, s.start, own) for s, own in zip(bank.slices, signs, strict=True)]
         for own, rows, grams in white.wide:
             grams = grams - np.einsum("nir,njr->nij", inside[rows], inside[rows])
@@ -946,7 +946,7 @@ class Search:
         W = self.white(fit.whitener, self.columns(candidate))
         rest = fit.rest(W)
         gram = rest @ rest.T
-        return scored(gram, rest @ fit.residual, np.einsum("ij,ij->i", W, W), np.diag(gram), candidate.effect.signs)
+        return scored(gram, rest @ fit.residual, np.einsum("ij,ij->i", W, W), np.diag(gram), candidate.signs)
 
     def refine(self, fit: Fit, candidate: Candidate, rounds: int = 2) -> tuple[Candidate, Score]:
         """Estimate the shape of a candidate: one nonlinear parameter after the other, to the best score.
@@ -1019,7 +1019,7 @@ def _level(data: Sequence[Vector], segments: Sequence[Any], channel: int) -> flo
 
 def _minor_signs(candidate: Candidate, k: int) -> list[int]:
     """Signs of those coefficients that may be zero; where only the first has one, it decides on the effect itself."""
-    signs = candidate.effect.signs
+    signs = candidate.signs
     return [*(signs if any(signs[1:]) else [0, *signs[1:]]), *[0] * k][:k]
 
 
@@ -1246,5 +1246,5 @@ def family_wise(score: Score, candidate: Candidate, weight: float) -> float:
     """Natural log of the family-wise p-value of a candidate (Bonferroni, weighted)."""
     if not np.isfinite(score.statistic):
         return 0.0
-    one_sided = np.log(0.5) if score.k == 1 and any(candidate.effect.signs) else 0.0
+    one_sided = np.log(0.5) if score.k == 1 and any(candidate.signs) else 0.0
     return log_p(score.statistic, score.k) + one_sided - float(np.log(weight))

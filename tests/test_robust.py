@@ -19,7 +19,7 @@ from cdm_pin.model import load_model
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording
 from cdm_pin.robust import bursts, robust_score
-from cdm_pin.selection import Score, Search, Settings, all_candidates
+from cdm_pin.selection import Score, Search, Settings, all_candidates, scored
 from cdm_pin.sensor_noise import motion_limit
 from cdm_pin.signals import prepare
 from cdm_pin.unexplained import is_far
@@ -268,6 +268,16 @@ def test_a_peak_beside_other_friction_refines_nothing():
     ):
         score = Score(1e4, 2, np.array([own, 0.2]), 1.0, 1.0)
         assert is_plausible(Candidate(CATALOGUE[name], place, shape), score, [dry]) == fits
+
+
+def test_a_spring_that_stiffens_may_have_any_slope_at_zero():
+    """Where the zero of the angle lies says nothing about a polynomial; a spring of one stiffness pulls back."""
+    place = joint_places(load_model("urdf/cdm2.yaml"))[0]
+    gram = np.diag([1.0, 1.0, 1.0, 1.0])
+    for shape, k, known in ((0.0, 2, False), (1.0, 4, True)):
+        own = Candidate(CATALOGUE["joint_spring"], place, (shape,))
+        told = scored(gram[:k, :k], np.array([-0.2, 5.0, 0.0, 9.0])[:k], np.ones(k), np.ones(k), own.signs)
+        assert np.isfinite(told.statistic) == known
 
 
 @pytest.mark.parametrize(
