@@ -15,7 +15,7 @@ from .everywhere import kinds_first, needed, rubs_everywhere
 from .geometry import Vector
 from .model import CableModel
 from .robust import UNSURE, is_coarse, robust_score
-from .selection import Bank, Fit, ProgressCallback, Score, Search, all_candidates, family_wise, rms, tones
+from .selection import COMPLIANT, Bank, Fit, ProgressCallback, Score, Search, all_candidates, family_wise, rms, tones
 from .whitening import Whitener
 
 SHARING = ("asymmetric_friction", "position_dependent_friction", "friction_drift")
@@ -675,7 +675,8 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
     Where positions are too coarse for the accelerations in the band, that is more. Of a correction without a name that
     share counts which the fit leaves over; it has to exceed what steps of encoders can bring, and where they are too
     coarse what the sensors bring by themselves. A push has to last for as long as the band can tell from an outlier,
-    to exceed half a step of the torque, and where nothing moves to exceed what dry friction holds.
+    to exceed half a step of the torque, and where nothing moves to exceed what dry friction holds. A cable gives as a
+    spring first, then as a damper.
     """
     problem, push = search.problem, candidate.effect.name == "external_torque"
     if push and candidate.shape[1] - candidate.shape[0] < 1.5 / problem.band.cutoff:
@@ -689,6 +690,8 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
     peak = np.max([np.abs(x[:m]).max(axis=1) for x in torque], axis=0)
     if push and np.all(peak <= 0.5 * problem.sensors.torque_steps):
         return False
+    if candidate.effect.name in COMPLIANT and _is_damper(search, candidate, beta):
+        return False
     own, visible = rms(search, torque), 1.0
     if own[m:].any():
         return True
@@ -701,6 +704,12 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
         if is_coarse(problem):
             least = np.maximum(least, UNSURE * problem.sensed[:m])
     return bool(np.any(visible * own[:m] > least))
+
+
+def _is_damper(search: Search, cable: Candidate, beta: Vector) -> bool:
+    """Whether a cable would give less to a torque than to its rate of change, as no cable does in the band."""
+    gives = [rms(search, [b * columns[k] for columns in search.columns(cable)]) for k, b in enumerate(beta[:2])]
+    return len(gives) > 1 and float(np.linalg.norm(gives[1])) > float(np.linalg.norm(gives[0]))
 
 
 def _is_held(search: Search, push: Candidate, size: float, fit: Fit) -> bool:

@@ -451,3 +451,13 @@ def test_structure_far_above_the_sensors_noise_is_far(left, smooth, far):
     )
     smooth_rms = smooth
     assert is_far(search, SimpleNamespace(effects=())) == far
+
+
+@pytest.mark.parametrize(("damping", "gives"), [(0.0, True), (0.02, True), (3.0, False), (-3.0, False)])
+def test_a_cable_gives_as_a_spring_first(tmp_path, damping, gives):
+    """Compliance of a cable is told where two encoders part; what follows the torque's rate alone is none."""
+    model, runs, _, _ = loaded_trial(tmp_path, 5, effects=["cable_elasticity"], positions="both", n_links=2)
+    problem = make_problem(model, runs)
+    search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
+    (soft, *_) = all_candidates(problem, ["cable_elasticity"])
+    assert explain.is_resolved(search, soft, 0.01 * np.array([1.0, damping]), search.fit([])) == gives
