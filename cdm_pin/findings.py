@@ -204,15 +204,15 @@ def is_known(
 
 
 def is_above_steps(search: Search, candidate: Candidate, values: dict[str, dict[str, Any]]) -> bool:
-    """Whether an encoder's offset is more than encoders that round down, on either side, have by themselves."""
-    problem = search.problem
-    if candidate.effect.name != "encoder_offset" or not problem.kinematic:
+    """Whether an encoder's offset, or a play, is more than encoders on either side that round have by themselves."""
+    problem, name = search.problem, {"encoder_offset": "offset", "backlash": "half_gap"}.get(candidate.effect.name)
+    if name is None or not problem.kinematic:
         return True
     k, steps = candidate.place.index[0], []
     for run in problem.runs:
         own, other = (np.sqrt(12.0) * run.signals.noise[f"{side}_position"] for side in ("joint", "motor"))
         steps.append(own[k] + np.abs(problem.model.joint_from_motor[k]) @ other)
-    return abs(values["offset"]["value"]) > 0.5 * max(steps) + 3 * values["offset"]["std"]
+    return abs(values[name]["value"]) > 0.5 * max(steps) + 3 * values[name]["std"]
 
 
 def is_admissible(effect: Effect, values: dict[str, dict[str, Any]]) -> bool:

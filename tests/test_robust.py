@@ -14,7 +14,7 @@ from cdm_pin.diagnose import diagnose
 from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.effects import CATALOGUE, Candidate, at_known_place, guide_places, joint_places, pair_places
 from cdm_pin.explain import is_plausible
-from cdm_pin.findings import absorbed, with_law_errors
+from cdm_pin.findings import absorbed, is_above_steps, with_law_errors
 from cdm_pin.model import load_model
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording
@@ -461,3 +461,16 @@ def test_a_cable_gives_as_a_spring_first(tmp_path, damping, gives):
     search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
     (soft, *_) = all_candidates(problem, ["cable_elasticity"])
     assert explain.is_resolved(search, soft, 0.01 * np.array([1.0, damping]), search.fit([])) == gives
+
+
+@pytest.mark.parametrize(("effect", "name"), [("encoder_offset", "offset"), ("backlash", "half_gap")])
+@pytest.mark.parametrize(("size", "told"), [(2e-4, True), (0.9e-4, False), (-2e-4, True)])
+def test_what_rounding_makes_between_two_encoders_is_not_told(effect, name, size, told):
+    """Encoders of 0.1 mrad on both sides: half a step of each is no offset and no play."""
+    noise = dict.fromkeys(("joint_position", "motor_position"), np.full(2, 1e-4 / np.sqrt(12.0)))
+    run = SimpleNamespace(signals=SimpleNamespace(noise=noise))
+    problem = SimpleNamespace(kinematic=True, runs=[run], model=SimpleNamespace(joint_from_motor=np.eye(2)))
+    place = CATALOGUE[effect].places(load_model("urdf/cdm2.yaml"))[0]
+    law = Candidate(CATALOGUE[effect], place, (0.1,) if effect == "backlash" else ())
+    known = is_above_steps(SimpleNamespace(problem=problem), law, {name: {"value": size, "std": 1e-6}})
+    assert known == told
