@@ -155,7 +155,7 @@ def diagnose(
     search = Search(problem, base, settings)
     search = search.about(search.fit([]))
     first = _beside_drifts(search, progress)
-    seen = make_problem(model, unseen, problem.band) if unseen else None
+    seen = make_problem(model, unseen, problem.band, len(recordings)) if unseen else None
     soft = _swinging(Search(problem, base, settings), seen, first, progress)
     judge, explanation = _validated(seen, soft)
     if explanation.search.problem.swings:

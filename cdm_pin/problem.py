@@ -256,8 +256,12 @@ class Problem:
         return replace(self, runs=runs, loads=tuple(effects))
 
 
-def make_problem(model: CableModel, recordings: Sequence[Recording], band: Band | None = None) -> Problem:
+def make_problem(
+    model: CableModel, recordings: Sequence[Recording], band: Band | None = None, first: int = 0
+) -> Problem:
     """Prepare recordings and choose the band in which motion and torque are both known.
+
+    What happens once happens on the recording of one number; those of others start at `first`.
 
     Raises
     ------
@@ -275,7 +279,7 @@ def make_problem(model: CableModel, recordings: Sequence[Recording], band: Band 
 
     def made(band: Band) -> Problem:
         ready = [prepare(recording, model, rate=rate, cutoff=band.cutoff) for recording in recordings]
-        runs = tuple(_run(model, s, band, torque, kinematic, i).with_model(model) for i, s in enumerate(ready))
+        runs = tuple(_run(model, s, band, torque, kinematic, i).with_model(model) for i, s in enumerate(ready, first))
         return Problem(model, runs, band, torque, kinematic, SensorNoise(model, tuple(ready), band))
 
     known = _heard(model, signals, chosen) if torque else np.inf

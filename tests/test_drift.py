@@ -135,6 +135,9 @@ def test_pushes_at_two_times_and_on_two_recordings_are_all_told():
     assert told == [("made60", 20), ("made60", 45), ("made61", 20)]
     assert "of made61" in " ".join(clause(f) for f in content["findings"])
     assert len({candidate(f) for f in content["findings"]}) == 3
+    unseen = content["fit"]["holdout"]  # where nobody pushed
+    assert max(unseen["rmse_augmented"]) < 0.02 < min(unseen["rmse_rigid"])
+    assert all(f["evidence"]["holdout_rmse_reduction"] > -0.02 for f in content["findings"])
     assert not any(f["indistinguishable_from"] for f in content["findings"])
 
 
