@@ -187,11 +187,12 @@ def _beside_drifts(search: Search, progress: ProgressCallback | None) -> Explana
     found = [f.candidate for f in first.found]
     if not any(c.effect.name == "external_torque" for c in found):
         return first
-    ways, again = [first], search.with_drift(found)
-    for other in (search, again) if again.drift is not None else (search,):
-        if not other.drifts_like(first.search):
+    ways = [first]
+    for other in (search, search.with_drift(found)):
+        if not any(other.drifts_like(way.search) for way in ways):
             there = explain(other, progress)
-            ways += [] if there.search.is_swamped(there.fit) else [there]
+            if not there.search.is_swamped(there.fit):
+                ways.append(there)
     return max(ways, key=lambda e: _likelihood(e.search, [f.candidate for f in e.found]))
 
 
@@ -613,8 +614,9 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
     completed = completed_manipulator(model, search, fit, tuple(records), covariance)
     replays = replay_runs(search, judge, own_rigid, fit, completed)
     content["fit"]["simulated_position"] = simulated_position(replays)
-    parts = explanation, search, judge, replays, experiment, tuple(stated)
-    return Diagnosis(content, search.problem.model, completed, *parts)
+    return Diagnosis(
+        content, search.problem.model, completed, explanation, search, judge, replays, experiment, tuple(stated)
+    )
 
 
 def _unresolved(explanation: Explanation, items: Mapping[int, dict[str, Any]]) -> list[tuple[int, Candidate]]:
@@ -622,8 +624,7 @@ def _unresolved(explanation: Explanation, items: Mapping[int, dict[str, Any]]) -
     out = []
     for j, item in items.items():
         listed = [(e["effect"], e["location"]) for e in item["indistinguishable_from"]]
-        rivals = (c for c, _ in explanation.found[j].rivals if (c.effect.name, c.location) in listed)
-        out += [(j, c) for c in rivals][:2]
+        out += [(j, c) for c, _ in explanation.found[j].rivals if (c.effect.name, c.location) in listed]
     return out[:2]
 
 

@@ -43,10 +43,6 @@ class Drift:
     channels: tuple[int, ...]
     quicker: int = 0
 
-    def is_like(self, other: Drift | None) -> bool:
-        """Whether the same motors drift as quickly."""
-        return other is not None and (self.channels, self.quicker) == (other.channels, other.quicker)
-
 
 def slow_shapes(n: int, rate: float, stretch: float, quicker: int = 0) -> Vector:
     """Give a ramp and slow waves, no quicker than one period in some 30 s, shape (n_shapes, n).

@@ -1797,10 +1797,15 @@ class Candidate:
         width = sign_width(motions, self.place)
         return replace(self, detail=width, creeps=self.effect.detail is _transition and self._rests(motions, width))
 
-    @property
+    @cached_property
     def signs(self) -> tuple[int, ...]:
         """Signs that its coefficients must have, 0 where any will do."""
         return self.effect.signs if self.effect.signed(self.shape) else (0,) * len(self.effect.signs)
+
+    @property
+    def leads(self) -> bool:
+        """Whether of its coefficients the first alone has a sign, so that it is none where that one is negative."""
+        return self.signs[:1] == (1,) and not any(self.signs[1:])
 
     @property
     def dry(self) -> Candidate:

@@ -167,8 +167,7 @@ def needed(search: Search, effects: list[Candidate], rounds: int = 3, least: flo
 
 def is_backwards(candidate: Candidate, beta: np.ndarray) -> bool:
     """Whether a law has the wrong sign: friction that pushes, a linear spring that repels."""
-    first = candidate.signs[:1] == (1,) and not any(candidate.signs[1:])
-    return first and (candidate.effect.name != "joint_spring" or len(beta) < 3) and bool(beta[0] < 0)
+    return candidate.leads and bool(beta[0] < 0)
 
 
 def worths(search: Search, fit: Fit) -> np.ndarray:

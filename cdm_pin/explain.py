@@ -377,8 +377,8 @@ def _peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
         best = max(
             (t for t in own if is_plausible(*t)), key=lambda t, without=without: gain(search, without, *t), default=None
         )
-        slack, bare = search.settings.within(found.score.statistic), replace(candidate, creeps=False)
-        own = min(found.gain, gain(search, without, bare, search.score(without, bare)))
+        slack, quick = search.settings.within(found.score.statistic), replace(candidate, creeps=False)
+        own = min(found.gain, gain(search, without, quick, search.score(without, quick)))
         if best is not None and gain(search, without, *best) > own - slack:
             accepted[j] = best[0]
     return _with(explanation, accepted)
@@ -1036,8 +1036,7 @@ def _backwards(search: Search, fit: Fit, j: int) -> bool:
     """Whether the leading coefficient of effect `j` cannot be negative but is, by more than three standard errors."""
     start = search.n_rigid + sum(len(beta) for beta in fit.beta[:j])
     std = np.sqrt(max(fit.covariance[start, start], 0.0))
-    signs = fit.effects[j].signs
-    return bool(signs[:1] == (1,) and not any(signs[1:]) and fit.beta[j][0] < -3 * std)
+    return fit.effects[j].leads and bool(fit.beta[j][0] < -3 * std)
 
 
 def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> Found:

@@ -160,6 +160,8 @@ POSTURE = ("encoder_offset", "base_tilt")
 """What moves links to where no encoder says they are, at rest already."""
 EQUAL = 0.9999
 """Canonical correlation of dry friction with what is dry friction on these data."""
+ROUNDED = ("encoder_offset", "backlash")
+"""What encoders that round may look like."""
 HIDDEN = 0.3
 """Share that is left over of an effect of which it is said what takes the rest."""
 UNSEEN = 1.0
@@ -205,14 +207,15 @@ def is_known(
 
 def is_above_steps(search: Search, candidate: Candidate, values: dict[str, dict[str, Any]]) -> bool:
     """Whether an encoder's offset, or a play, is more than encoders on either side that round have by themselves."""
-    problem, name = search.problem, {"encoder_offset": "offset", "backlash": "half_gap"}.get(candidate.effect.name)
-    if name is None or not problem.kinematic:
+    problem = search.problem
+    if candidate.effect.name not in ROUNDED or not problem.kinematic:
         return True
     k, steps = candidate.place.index[0], []
     for run in problem.runs:
         own, other = (np.sqrt(12.0) * run.signals.noise[f"{side}_position"] for side in ("joint", "motor"))
         steps.append(own[k] + np.abs(problem.model.joint_from_motor[k]) @ other)
-    return abs(values[name]["value"]) > 0.5 * max(steps) + 3 * values[name]["std"]
+    size = values[candidate.effect.size.name]
+    return abs(size["value"]) > 0.5 * max(steps) + 3 * size["std"]
 
 
 def is_admissible(effect: Effect, values: dict[str, dict[str, Any]]) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -92,11 +93,12 @@ def plan_next(
         tried.append(judged(random_motion(search.problem, rng, duration, slow=bool(draw % 2), alone=draw % 4 == 3)))
         if tried[-1][1].power > enough:
             break
-    most, best = max(tried, key=lambda item: item[0])
-    kinds = [max(own, key=lambda item: item[0])[1].motion for own in (tried[::2], tried[1::2]) if own]
+    margin_of = itemgetter(0)
+    most, best = max(tried, key=margin_of)
+    kinds = [max(own, key=margin_of)[1].motion for own in (tried[::2], tried[1::2]) if own]
     tense = [judged(*changed) for motion in kinds if search.problem.torque and (changed := _tenser(motion))]
     if tense:
-        margin, other = max(tense, key=lambda item: item[0])
+        margin, other = max(tense, key=margin_of)
         best = other if margin > max(WORTH * most, most + 0.1) else best
     return best if best.power >= least else None
 

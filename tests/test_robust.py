@@ -284,7 +284,7 @@ def test_a_spring_that_stiffens_may_have_any_slope_at_zero():
     ("limits", "fits"), [((1, 0, 0, 2, 0), True), ((0, 0, 1, 0, 0), True), ((0, 0, 1, 2.5, 6), False)]
 )
 def test_a_hysteresis_yields(limits, fits):
-    """Elements that hardly give way within the range make a spring, whatever they would do beyond."""
+    """Elements that hardly give way within its own distance make a spring, whatever they would do beyond."""
     place = joint_places(load_model("urdf/cdm2.yaml"))[0]
     candidate = Candidate(CATALOGUE["hysteresis"], place, (2.0, 0.0), 1.0)
     assert is_plausible(candidate, Score(1e4, 2, np.array(limits, float), 1.0, 1.0)) == fits
