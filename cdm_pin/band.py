@@ -47,10 +47,21 @@ class Band:
 
     def reduce(self, x: Vector) -> Vector:
         """Filter and decimate along the last axis, (..., n) -> (..., ceil(n / step)); `segments` cuts the ends."""
-        half = len(self.taps) // 2
-        y = upfirdn(self.taps, x, 1, self.step, axis=-1)
-        first = half // self.step
-        return y[..., first : first + -(-x.shape[-1] // self.step)]
+        half, step, n = len(self.taps) // 2, self.step, x.shape[-1]
+        kept = -(-n // step)
+        if step < 4:
+            y = upfirdn(self.taps, x, 1, step, axis=-1)
+            return y[..., half // step : half // step + kept]
+        many = 2 * half // step + 1  # blocks of samples that the kernel covers, one of them by its last tap alone
+        padded = np.zeros((*x.shape[:-1], (kept + many - 1) * step))
+        padded[..., half : half + n] = x
+        taps = np.zeros((many, step))
+        taps.flat[: len(self.taps)] = self.taps
+        parts = padded.reshape(*x.shape[:-1], kept + many - 1, step) @ taps.T
+        y = parts[..., :kept, 0].copy()
+        for k in range(1, many):
+            y += parts[..., k : k + kept, k]
+        return y
 
     def segments(self, valid: np.ndarray) -> list[tuple[int, int]]:
         """Stretches of decimated samples whose whole kernel lies on valid samples, where filters have rung out.

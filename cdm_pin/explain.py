@@ -352,8 +352,13 @@ def _within(search: Search, law: Candidate, statistic: float, least: float) -> f
 
 
 def _is_all_but_errors(search: Search, without: Fit, own: Candidate, rival: Candidate) -> bool:
-    """Whether a law explains, beside a fit, all that another one does but for what the laws may be wrong by."""
+    """Whether a law explains, beside a fit, all that another one does but for what the laws may be wrong by.
+
+    How much a cable gives is a spring's error; that it gives no more beyond some torque is none.
+    """
     others = without.effects
+    if own.effect.name == "cable_slack" and rival.effect.name in COMPLIANT:
+        return False
     beside, both = (search.fit(effects, without.whitener) for effects in ([*others, rival], [*others, rival, own]))
     more = beside.residual - both.residual
     return float(more @ more) < _error_of_laws(search, own, more, beside)

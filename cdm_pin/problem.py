@@ -296,7 +296,7 @@ def make_problem(
         return problem
     if coarse:
         return made(replace(chosen, slow=min(cutoff, known)))
-    return made(replace(make_band(rate, cutoff), slow=known))
+    return made(replace(make_band(rate, cutoff), slow=known if known < cutoff else np.inf))
 
 
 def _heard(model: CableModel, signals: Sequence[Signals], band: Band) -> float:

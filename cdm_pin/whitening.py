@@ -129,11 +129,13 @@ class Whitener:
 @numba.njit(cache=True, fastmath=True, nogil=True)
 def _innovations(coefficients, x, y):
     order = len(coefficients)
-    for t in range(len(x) - order):
-        predicted = 0.0
-        for k in range(order):
-            predicted += coefficients[k] * x[t + k]
-        y[t] = x[t + order] - predicted
+    n = len(x) - order
+    for t in range(n):
+        y[t] = x[t + order]
+    for k in range(order):
+        c = coefficients[k]
+        for t in range(n):
+            y[t] -= c * x[t + k]
 
 
 @numba.njit(cache=True, fastmath=True, nogil=True)

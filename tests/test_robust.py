@@ -464,12 +464,15 @@ def test_a_cable_gives_as_a_spring_first(tmp_path, damping, gives):
 
 
 @pytest.mark.parametrize(("effect", "name"), [("encoder_offset", "offset"), ("backlash", "half_gap")])
-@pytest.mark.parametrize(("size", "told"), [(2e-4, True), (0.9e-4, False), (-2e-4, True)])
-def test_what_rounding_makes_between_two_encoders_is_not_told(effect, name, size, told):
-    """Encoders of 0.1 mrad on both sides: half a step of each is no offset and no play."""
-    noise = dict.fromkeys(("joint_position", "motor_position"), np.full(2, 1e-4 / np.sqrt(12.0)))
+@pytest.mark.parametrize(
+    ("sides", "size", "told"),
+    [(2, 2e-4, True), (2, 0.9e-4, False), (2, -2e-4, True), (1, 0.9e-4, True), (1, 0.4e-4, False)],
+)
+def test_what_rounding_makes_is_not_told(effect, name, sides, size, told):
+    """Encoders of 0.1 mrad, on one side or both: half a step of each is no offset and no play."""
+    noise = dict.fromkeys(("motor_position", "joint_position")[:sides], np.full(2, 1e-4 / np.sqrt(12.0)))
     run = SimpleNamespace(signals=SimpleNamespace(noise=noise))
-    problem = SimpleNamespace(kinematic=True, runs=[run], model=SimpleNamespace(joint_from_motor=np.eye(2)))
+    problem = SimpleNamespace(runs=[run], model=SimpleNamespace(joint_from_motor=np.eye(2)))
     place = CATALOGUE[effect].places(load_model("urdf/cdm2.yaml"))[0]
     law = Candidate(CATALOGUE[effect], place, (0.1,) if effect == "backlash" else ())
     known = is_above_steps(SimpleNamespace(problem=problem), law, {name: {"value": size, "std": 1e-6}})
