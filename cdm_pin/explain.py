@@ -15,7 +15,19 @@ from .everywhere import kinds_first, needed, rubs_everywhere
 from .geometry import Vector
 from .model import CableModel
 from .robust import UNSURE, is_coarse, robust_score
-from .selection import COMPLIANT, Bank, Fit, ProgressCallback, Score, Search, all_candidates, family_wise, rms, tones
+from .selection import (
+    COMPLIANT,
+    Bank,
+    Fit,
+    ProgressCallback,
+    Score,
+    Search,
+    all_candidates,
+    errors,
+    family_wise,
+    rms,
+    tones,
+)
 from .whitening import Whitener
 
 SHARING = ("asymmetric_friction", "position_dependent_friction", "friction_drift")
@@ -635,10 +647,23 @@ def _passes(search: Search, candidate: Candidate, score: Score, weight: float, f
     if not candidate.effect.counts:
         candidate, score = search.refine(fit, candidate)
     robust = _is_significant(search, candidate, score, weight, fit)
-    if robust is None or not (fit.effects or search.problem.model.manipulator.effects):
-        return robust is not None
+    if robust is None or _worsens(search, fit, candidate):
+        return False
+    if not (fit.effects or search.problem.model.manipulator.effects):
+        return True
     own = score.beta @ fit.rest(search.white(fit.whitener, search.columns(candidate)))
     return robust.statistic > _error_of_laws(search, candidate, own, fit)
+
+
+def _worsens(search: Search, fit: Fit, candidate: Candidate, most: float = 10.0) -> bool:
+    """Whether the plain error, drifts aside, grows many times with what makes the whitened one fall.
+
+    It does where next to nothing counts at some frequencies, as slow noise is large there, and masses and a candidate
+    may cancel each other.
+    """
+    both = search.fit([*fit.effects, candidate], fit.whitener)
+    own, other = (rms(search, search.still(errors(search, f.base, f.effects, f.beta))) for f in (both, fit))
+    return bool(np.mean((own / np.maximum(other, 1e-300)) ** 2) > most**2)
 
 
 def _bare(search: Search, fit: Fit, candidate: Candidate, score: Score) -> tuple[Candidate, Score]:

@@ -85,6 +85,7 @@ def _starts(problem: Problem, cable: int) -> list[Vector]:
     return out
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a start may swing ever further
 def _pursued(
     search: Search, candidate: Candidate, beta: Vector, beside: Sequence[Candidate], rounds: int
 ) -> tuple[Search, float]:

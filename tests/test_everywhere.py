@@ -64,6 +64,14 @@ def test_the_band_ends_where_torques_do_not_follow_accelerations(model):
     assert narrow < 9.0 < wide
 
 
+@pytest.mark.parametrize(("cutoff", "slow"), [(5.6, np.inf), (7.0, 6.1)])
+def test_accelerations_are_cut_inside_the_band_or_not_at_all(model, monkeypatch, cutoff, slow):
+    """A low-pass of accelerations that ends just above the band would take a part of it that torques still have."""
+    monkeypatch.setattr("cdm_pin.problem._heard", lambda *_: 6.1)
+    monkeypatch.setattr("cdm_pin.problem.inertia_cutoff", lambda *_: cutoff)
+    assert make_problem(model, [run(model, 0)]).band.slow == slow
+
+
 def test_friction_everywhere_is_seen_and_sized(model):
     search = search_of(model, run(model, 1), make_band(RATE, 8.0))
     assert rubs_everywhere(search, search.bank(all_candidates(search.problem)), [])

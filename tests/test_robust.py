@@ -463,6 +463,16 @@ def test_a_cable_gives_as_a_spring_first(tmp_path, damping, gives):
     assert explain.is_resolved(search, soft, 0.01 * np.array([1.0, damping]), search.fit([])) == gives
 
 
+@pytest.mark.parametrize(("size", "worse"), [(0.5, False), (9.0, False), (11.0, True)])
+def test_what_makes_the_plain_error_larger_explains_nothing(monkeypatch, size, worse):
+    """Nothing is found that makes the error ten times larger, whatever it does where the noise is said to be small."""
+    monkeypatch.setattr(explain, "errors", lambda search, base, effects, beta: [np.full((2, 50), base)])
+    monkeypatch.setattr(explain, "rms", lambda search, left: np.sqrt(np.mean(left[0] ** 2, axis=1)))
+    without, both = (SimpleNamespace(base=x, effects=(), beta=(), whitener=None) for x in (1.0, size))
+    search = SimpleNamespace(fit=lambda effects, whitener: both, still=lambda left: left)
+    assert explain._worsens(search, without, None) == worse
+
+
 @pytest.mark.parametrize(("effect", "name"), [("encoder_offset", "offset"), ("backlash", "half_gap")])
 @pytest.mark.parametrize(
     ("sides", "size", "told"),
