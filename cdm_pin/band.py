@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,6 +80,14 @@ class Band:
             if stop - start > 8:
                 stretches.append((start, stop))
         return stretches
+
+    def shares(self, n: int, segments: Sequence[tuple[int, int]]) -> Vector:
+        """Tell what each of `n` samples counts for in the mean over stretches of decimated samples, shape (n,)."""
+        kept = np.zeros(n)
+        for start, stop in segments:
+            kept[start * self.step : (stop - 1) * self.step + 1 : self.step] = 1.0
+        spread = np.convolve(kept, self.taps)[len(self.taps) // 2 :][:n]
+        return spread / spread.sum() if segments else np.full(n, 1.0 / n)
 
 
 def light(cutoff: float, rate: float) -> float:

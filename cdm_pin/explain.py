@@ -713,6 +713,8 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
         return False
     if push and _is_held(search, candidate, float(np.abs(beta[0])), fit):
         return False
+    if candidate.effect.name == "encoder_offset" and problem.kinematic and not _is_in_means(search, candidate, fit):
+        return False
     if not problem.torque:
         return True
     m = problem.model.n_motors
@@ -1060,6 +1062,24 @@ def _stands(search: Search, candidate: Candidate, score: Score, without: Fit) ->
         return True
     bare, score = _bare(search, without, candidate, score)
     return is_resolved(search, bare, score.beta, without) and is_loud(robust_score(search, without, bare))
+
+
+def _is_in_means(search: Search, candidate: Candidate, fit: Fit) -> bool:
+    """Whether the plain means of the travels between encoders tell an offset that is more than these round by.
+
+    Of those means a small share counts, so that what else is left of a travel can look like a large offset.
+    """
+    problem, own = search.problem, search.columns(candidate)
+    left, m = errors(search, fit.base, fit.effects, fit.beta), problem.model.n_motors * problem.torque
+    means = []
+    for parts, run, inside in zip(zip(own, left, strict=True), problem.runs, problem.segments, strict=True):
+        if inside and run.sure is not None:
+            travel = [np.concatenate([x[m:, a:b] for a, b in inside], axis=1) for x in (parts[0][0], parts[1])]
+            means.append([x.mean(axis=1) / run.sure for x in travel])
+    if not means:
+        return True
+    x, y = np.concatenate(means, axis=1)
+    return bool(abs(x @ y) > 0.5 * problem.steps_at(candidate.place.index[0]) * (x @ x))
 
 
 def _backwards(search: Search, fit: Fit, j: int) -> bool:

@@ -209,13 +209,8 @@ def is_above_steps(search: Search, candidate: Candidate, values: dict[str, dict[
     """Whether an encoder's offset, or a play, is more than the encoders that were logged have, as they round."""
     if candidate.effect.name not in ROUNDED:
         return True
-    to_joints, steps = np.abs(search.problem.model.joint_from_motor), []
-    shares = {"joint_position": np.eye(len(to_joints)), "motor_position": to_joints}
-    for run in search.problem.runs:
-        noise = [share @ run.signals.noise[side] for side, share in shares.items() if side in run.signals.noise]
-        steps.append(np.sqrt(12.0) * np.sum(noise, axis=0)[candidate.place.index[0]])
     size = values[candidate.effect.size.name]
-    return abs(size["value"]) > 0.5 * max(steps) + 3 * size["std"]
+    return abs(size["value"]) > 0.5 * search.problem.steps_at(candidate.place.index[0]) + 3 * size["std"]
 
 
 def is_admissible(effect: Effect, values: dict[str, dict[str, Any]]) -> bool:

@@ -42,18 +42,21 @@ class Run:
         Motor torques, then the travel that the kinematic model leaves over (`without_mean`); not filtered.
     sure : ndarray, shape (n_motors,), optional
         What the mean of each travel counts for, 0 to 1; default 1.
+    shares : ndarray, shape (n,), optional
+        What each sample counts for in that mean.
     """
 
     signals: Signals
     motion: Motion
     data: Vector
     sure: Vector | None = None
+    shares: Vector | None = None
 
     def without_mean(self, travel: Vector) -> Vector:
         """Take from travels, shape (..., n_motors, n), that share of their mean which rounding may have made."""
-        if self.sure is None or not self.signals.valid.any():
+        if self.sure is None or self.shares is None:
             return travel
-        return travel - (1.0 - self.sure[:, None]) * travel[..., self.signals.valid].mean(axis=-1, keepdims=True)
+        return travel - (1.0 - self.sure[:, None]) * (travel @ self.shares)[..., None]
 
     @property
     def payload(self) -> float:
@@ -220,6 +223,15 @@ class Problem:
     def payloads(self) -> list[Vector]:
         """Per run the standard parameters of the stated payload, taken to sit at the tip of the last link."""
         return [tip_load(self.model, run.payload) for run in self.runs]
+
+    def steps_at(self, joint: int) -> float:
+        """Sum of the steps [rad] of the encoders that say where a joint is, of the coarsest recording."""
+        to_joints, steps = np.abs(self.model.joint_from_motor), []
+        shares = {"joint_position": np.eye(len(to_joints)), "motor_position": to_joints}
+        for run in self.runs:
+            noise = [share @ run.signals.noise[side] for side, share in shares.items() if side in run.signals.noise]
+            steps.append(float(np.sqrt(12.0) * np.sum(noise, axis=0)[joint]))
+        return max(steps)
 
     def reduce(self, columns: Callable[[Motion], Columns]) -> list[Lines]:
         """Compute columns on every run and bring them into the band."""
@@ -421,6 +433,7 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
     run = Run(signals, motion, np.concatenate([*channels, np.zeros((motion.n, 0))], axis=1).T)
     if not kinematic:
         return run
-    run = replace(run, sure=_sure_of_mean(model, signals))
+    shares = band.shares(motion.n, band.segments(signals.valid))
+    run = replace(run, sure=_sure_of_mean(model, signals), shares=shares)
     left = run.without_mean((_dithered(travel, signals, model) * model.arm_scale - stated).T)
     return replace(run, data=np.concatenate([run.data, left]))

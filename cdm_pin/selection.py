@@ -806,22 +806,24 @@ class Search:
     def offsets(self, fit: Fit) -> Vector:
         """Give what constant errors of the encoders may bring, whitened, as far as a fit leaves it.
 
-        Each is as large as half a step of the encoder, at the joint. Where both sides have encoders, the travel between
-        them counts for as much already (`Run.without_mean`).
+        Each is as large as half a step of the encoder, at the joint. Where both sides have encoders, these may be off
+        alike, as where both round down, which is in the torques alone; the travel between them counts for as much
+        already (`Run.without_mean`).
 
         Returns
         -------
         ndarray, shape (n, n_rows)
         """
-        if self.problem.kinematic:
-            return np.zeros((0, fit.n_rows))
         known = self._offsets.get(fit)
         if known is None:
-            steps = self.problem.sensors.joint_steps
+            steps, m = self.problem.sensors.joint_steps, self.problem.model.n_motors * self.problem.torque
             held = {c.location["index"] for c in fit.effects if c.effect.name == "encoder_offset"}
             places = [c for c in all_candidates(self.problem, ("encoder_offset",)) if c.location["index"] not in held]
-            rows = [0.5 * steps[c.place.index[0]] * self.white(fit.whitener, self.columns(c)) for c in places]
-            known = self._offsets.keep(fit.rest(np.concatenate(rows)) if rows else np.zeros((0, fit.n_rows)), fit)
+            rows = [np.zeros((0, fit.n_rows))]
+            for c in places:
+                torque = [x * (np.arange(x.shape[1]) < m)[:, None] for x in self.columns(c)]
+                rows.append(0.5 * steps[c.place.index[0]] * self.white(fit.whitener, torque))
+            known = self._offsets.keep(fit.rest(np.concatenate(rows)), fit)
         return known
 
     def stretches(self, fit: Fit) -> list[Vector]:

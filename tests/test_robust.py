@@ -16,7 +16,7 @@ from cdm_pin.effects import CATALOGUE, Candidate, at_known_place, guide_places, 
 from cdm_pin.explain import is_plausible
 from cdm_pin.findings import absorbed, is_above_steps, with_law_errors
 from cdm_pin.model import load_model
-from cdm_pin.problem import make_problem
+from cdm_pin.problem import Problem, make_problem
 from cdm_pin.recording import Recording
 from cdm_pin.robust import bursts, robust_score
 from cdm_pin.selection import Score, Search, Settings, all_candidates, scored
@@ -482,8 +482,9 @@ def test_what_rounding_makes_is_not_told(effect, name, sides, size, told):
     """Encoders of 0.1 mrad, on one side or both: half a step of each is no offset and no play."""
     noise = dict.fromkeys(("motor_position", "joint_position")[:sides], np.full(2, 1e-4 / np.sqrt(12.0)))
     run = SimpleNamespace(signals=SimpleNamespace(noise=noise))
-    problem = SimpleNamespace(runs=[run], model=SimpleNamespace(joint_from_motor=np.eye(2)))
-    place = CATALOGUE[effect].places(load_model("urdf/cdm2.yaml"))[0]
+    model = load_model("urdf/cdm2.yaml")
+    problem = Problem(model, (run,), None, True, sides == 2, None)
+    place = CATALOGUE[effect].places(model)[0]
     law = Candidate(CATALOGUE[effect], place, (0.1,) if effect == "backlash" else ())
     known = is_above_steps(SimpleNamespace(problem=problem), law, {name: {"value": size, "std": 1e-6}})
     assert known == told
