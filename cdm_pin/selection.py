@@ -21,7 +21,7 @@ from .model import CableModel
 from .patches import PATCHES, TONE
 from .problem import Problem
 from .spectra import Spectrum, spectrum, stands_out, tone_peaks, whitener_of
-from .whitening import Lines, Segments, Whitener, fit_whitener, log_likelihood, log_p, quiet_segments
+from .whitening import Lines, Segments, Whitener, fit_quiet, fit_whitener, log_likelihood, log_p, quiet_segments
 
 SHORTEST = 1e-4  # [s] of delays
 _LARGE = 2e9  # bytes of whitened banks that are kept
@@ -516,13 +516,13 @@ class Search:
                 np.concatenate([self.rigid[r], states, *[columns[r] for columns in own], self.nominal[r][None]])
                 for r, states in enumerate(self.problem.states)
             ]
-            whitener, quiet = self.plain, self.problem.segments
+            whitener, quiet, blocks = self.plain, self.problem.segments, self.problem.blocks
             for _ in range(rounds):
                 W = self.white(whitener, banks, quiet)
                 theta = _least_squares(W[:-1], W[-1])[0]
                 residuals = [bank[-1] - np.tensordot(theta, bank[:-1], 1) for bank in banks]
-                quiet = quiet_segments(residuals, self.problem.segments)
-                whitener = fit_whitener(residuals, quiet, self.settings.order, self.problem.blocks)
+                quiet = quiet_segments([e[blocks[0]] for e in residuals], self.problem.segments)
+                whitener = fit_quiet(residuals, self.problem.segments, self.settings.order, blocks)
             self._noise[key] = whitener
         return self._noise[key]
 

@@ -194,7 +194,8 @@ def _accuracy(search: Search, fit: Fit) -> Vector:
 def wandering_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     """Say where a torque wanders slowly with time, in no repeatable way; None where it does not.
 
-    Its place is that joint or motor along whose coordinate the slow part of the residual lies.
+    Its place is that joint or motor along whose coordinate the slow part of the residual lies. It has to be more than
+    an error of the rigid body's torque, and than steps of encoders bring, which are slow where motions are.
     """
     problem, model = search.problem, search.problem.model
     rest, noise = search.left_over(fit.effects, smooth=False)
@@ -211,7 +212,8 @@ def wandering_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     if not slow:
         return None
     both = np.concatenate(slow, axis=1)
-    if np.all(np.sqrt(np.mean(both**2, axis=1)) < search.settings.torque_error * search.loads[:m]):
+    least = np.maximum(search.settings.torque_error * search.loads[:m], 2.0 * problem.sensors.rounding)
+    if np.all(np.sqrt(np.mean(both**2, axis=1)) < least):
         return None
     place = _place_of(both, model)
     words = f"torque on {place['kind']} {place['index']} that wanders slowly with time"

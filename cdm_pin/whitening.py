@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.special import gammaln
 from scipy.stats import chi2
 
@@ -221,6 +222,25 @@ def fit_whitener(
     if len(runs) == len(residuals):
         scale = np.array([np.sqrt(np.mean((mix @ run) ** 2)) for run in runs])
     return Whitener(coefficients, mix, np.maximum(scale, 1e-6))
+
+
+def fit_quiet(
+    residuals: Sequence[Vector], segments: Sequence[Segments], order: int, blocks: Sequence[slice]
+) -> Whitener:
+    """Fit a whitener to each group of channels by itself, where none of these stands out (`quiet_segments`).
+
+    Rounding comes in bursts where motion rests and starts, which is no reason to know less of the noise of torques.
+    """
+    parts = []
+    for block in blocks:
+        own = [e[block] for e in residuals]
+        parts.append(fit_whitener(own, quiet_segments(own, segments), order))
+    if len(parts) == 1:
+        return parts[0]
+    longest = max(part.order for part in parts)
+    coefficients = np.concatenate([np.pad(p.coefficients, ((0, 0), (0, longest - p.order))) for p in parts])
+    scale = np.sqrt(np.average([p.scale**2 for p in parts], axis=0, weights=[len(p.mix) for p in parts]))
+    return Whitener(coefficients, block_diag(*(p.mix for p in parts)), scale)
 
 
 def log_likelihood(whitener: Whitener, segments: Sequence[Segments]) -> float:

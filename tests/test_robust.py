@@ -463,6 +463,36 @@ def test_a_cable_gives_as_a_spring_first(tmp_path, damping, gives):
     assert explain.is_resolved(search, soft, 0.01 * np.array([1.0, damping]), search.fit([])) == gives
 
 
+@pytest.mark.parametrize(("offset", "told"), [(1e-5, False), (5e-5, True), (-5e-5, True)])
+def test_an_offset_of_an_encoder_is_in_the_plain_mean(monkeypatch, offset, told):
+    """A thousandth of the mean of a travel counts: what else is left of it would look like a large offset."""
+    column, sure = np.concatenate([np.ones((1, 2, 50)), 1e-3 * np.ones((1, 2, 50))], axis=1), np.full(2, 1e-3)
+    wander = np.zeros((4, 50))
+    wander[2] = 1e-6 * np.cos(np.arange(50) * np.pi / 5)
+    monkeypatch.setattr(explain, "errors", lambda *_: [offset * column[0] + wander])
+    problem = SimpleNamespace(
+        model=SimpleNamespace(n_motors=2),
+        torque=True,
+        runs=[SimpleNamespace(sure=sure)],
+        segments=[[(0, 50)]],
+        steps_at=lambda joint: 5e-5,
+    )
+    search = SimpleNamespace(problem=problem, columns=lambda candidate: [column])
+    fit = SimpleNamespace(base=None, effects=(), beta=())
+    law = Candidate(CATALOGUE["encoder_offset"], CATALOGUE["encoder_offset"].places(load_model("urdf/cdm2.yaml"))[0])
+    assert explain._is_in_means(search, law, fit) == told
+
+
+def test_encoders_on_both_sides_may_be_off_alike(tmp_path):
+    """Both may round down: that turns links, and no travel between them tells."""
+    model, runs, _, _ = loaded_trial(tmp_path, 5, effects=["cable_elasticity"], positions="both", n_links=2)
+    search = Search(make_problem(model, runs), base_parameters(model, columns=massive_columns(model)), Settings())
+    fit = search.fit([])
+    rows = search.offsets(fit)
+    torque = fit.n_rows // 2
+    assert len(rows) == 2 and np.linalg.norm(rows[:, :torque]) > 100 * np.linalg.norm(rows[:, torque:])
+
+
 @pytest.mark.parametrize(("size", "worse"), [(0.5, False), (9.0, False), (11.0, True)])
 def test_what_makes_the_plain_error_larger_explains_nothing(monkeypatch, size, worse):
     """Nothing is found that makes the error ten times larger, whatever it does where the noise is said to be small."""

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from cdm_pin.band import make_band
 from cdm_pin.errors import RecordingError
 from cdm_pin.recording import Recording
 from cdm_pin.signals import (
@@ -399,3 +400,12 @@ def test_real_torque_signs(data_dir):
         turned = Recording(log.time, {**log.channels, "joint_torque": -log.channels["joint_torque"]})
         assert not [c for c in check(prepare(log)) if c.kind == "torque_sign"]
         assert len([c for c in check(prepare(turned)) if c.kind == "torque_sign"]) == 7
+
+
+def test_shares_of_samples_give_the_mean_over_decimated_stretches():
+    """What the samples count for, as said, is what filter and decimation make of them."""
+    band, x = make_band(200.0, 8.0), np.random.default_rng(0).standard_normal(3000)
+    segments = band.segments(np.arange(3000) != 1200)
+    kept = np.concatenate([band.reduce(x)[a:b] for a, b in segments])
+    assert len(segments) == 2 and band.shares(3000, segments) @ x == pytest.approx(kept.mean(), rel=1e-9)
+    assert band.shares(10, []) @ np.ones(10) == pytest.approx(1.0)

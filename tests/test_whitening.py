@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
-from cdm_pin.whitening import Lines, fit_whitener, log_likelihood, log_p, quiet_segments
+from cdm_pin.whitening import Lines, fit_quiet, fit_whitener, log_likelihood, log_p, quiet_segments
 
 
 def coloured(rng, n, channels=2):
@@ -80,3 +80,15 @@ def test_lines_are_taken_in_any_order():
     bank[[1, 4], 0] = 0.0
     part = Lines.of(bank).part([slice(3, 5), slice(0, 1)])
     np.testing.assert_array_equal(part.dense(), bank[[3, 4, 0]])
+
+
+def test_bursts_of_one_kind_of_channel_leave_the_others_alone():
+    """Rounding at rest stands out in the travel; the noise of torques is estimated from all samples all the same."""
+    rng = np.random.default_rng(3)
+    x, segments, blocks = rng.standard_normal((2, 400)), [[(0, 400)]], [slice(0, 1), slice(1, 2)]
+    x[1, 100:200] *= 30.0
+    both = fit_quiet([x], segments, 4, blocks)
+    alone = fit_whitener([x[:1]], segments, 4)
+    assert np.array_equal(both.coefficients[:1], alone.coefficients)
+    assert both.mix[0, 0] == alone.mix[0, 0] and both.mix[1, 0] == 0.0
+    assert both.mix[1, 1] == pytest.approx(1.0, rel=0.15)  # as if there were no burst
