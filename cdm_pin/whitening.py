@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from scipy.linalg import block_diag
 from scipy.special import gammaln
 from scipy.stats import chi2
 
@@ -227,20 +226,24 @@ def fit_whitener(
 def fit_quiet(
     residuals: Sequence[Vector], segments: Sequence[Segments], order: int, blocks: Sequence[slice]
 ) -> Whitener:
-    """Fit a whitener to each group of channels by itself, where none of these stands out (`quiet_segments`).
+    """Fit a whitener to each group of channels by itself: to the first where it does not stand out (`quiet_segments`).
 
-    Rounding comes in bursts where motion rests and starts, which is no reason to know less of the noise of torques.
+    To the others, where nothing does. Rounding comes in bursts where motion rests and starts, which is no reason to
+    know less of the noise of torques, but one to know all channels of travel from the same samples.
     """
     parts = []
     for block in blocks:
         own = [e[block] for e in residuals]
-        parts.append(fit_whitener(own, quiet_segments(own, segments), order))
+        parts.append(fit_whitener(own, quiet_segments(residuals if parts else own, segments), order))
     if len(parts) == 1:
         return parts[0]
     longest = max(part.order for part in parts)
     coefficients = np.concatenate([np.pad(p.coefficients, ((0, 0), (0, longest - p.order))) for p in parts])
     scale = np.sqrt(np.average([p.scale**2 for p in parts], axis=0, weights=[len(p.mix) for p in parts]))
-    return Whitener(coefficients, block_diag(*(p.mix for p in parts)), scale)
+    mix = np.zeros((len(coefficients), len(coefficients)))
+    for block, part in zip(blocks, parts, strict=True):
+        mix[block, block] = part.mix
+    return Whitener(coefficients, mix, scale)
 
 
 def log_likelihood(whitener: Whitener, segments: Sequence[Segments]) -> float:
