@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2
 
 from .effects import Candidate
@@ -54,7 +55,7 @@ def _in_bursts(search: Search, fit: Fit, candidate: Candidate) -> Score:
     that much room beside the candidate; and so is what unsure masses stretch soft cables by, and, beside a push, drifts
     of zeros a little quicker than was seen. Then the statistic is divided by how much larger than usual the residual is
     where the candidate acts, if it is sure to be: the variance of its coefficient is then the sandwich's, in blocks
-    (White, Econometrica 48(4), 1980; Newey, West, Econometrica 55(3), 1987).
+    (White, Econometrica 48(4), 1980; Newey, West, Econometrica 55(3), 1987). Of a push, also just before and after.
     """
     W = search.white(fit.whitener, search.columns(candidate))
     X, Z = fit.rest(W), np.concatenate([search.offsets(fit), search.unsure_stretches(fit)])
@@ -69,7 +70,16 @@ def _in_bursts(search: Search, fit: Fit, candidate: Candidate) -> Score:
     own = score.beta @ X
     rest = fit.residual - own
     rest = rest - (room @ (Z @ rest)) @ Z
-    return replace(score, statistic=score.statistic / max(bursts(own, rest), 1.0))
+    worst = bursts(own, rest)
+    if candidate.effect.name == "external_torque":  # by chance noise may be small for as long as it lasts
+        width = round((candidate.shape[1] - candidate.shape[0]) * search.problem.band.reduced_rate)
+        worst = max(worst, bursts(around(own, width), rest))
+    return replace(score, statistic=score.statistic / max(worst, 1.0))
+
+
+def around(own: Vector, width: int) -> Vector:
+    """Spread what an effect brings over as many samples before and after as it lasts."""
+    return np.sqrt(np.maximum(uniform_filter1d(own**2, 3 * max(width, 1)), 0.0))
 
 
 def bursts(own: Vector, rest: Vector) -> float:

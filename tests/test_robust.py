@@ -18,7 +18,7 @@ from cdm_pin.findings import absorbed, is_above_steps, with_law_errors
 from cdm_pin.model import load_model
 from cdm_pin.problem import Problem, make_problem
 from cdm_pin.recording import Recording
-from cdm_pin.robust import bursts, robust_score
+from cdm_pin.robust import around, bursts, robust_score
 from cdm_pin.selection import Score, Search, Settings, all_candidates, scored
 from cdm_pin.sensor_noise import motion_limit
 from cdm_pin.signals import prepare
@@ -37,6 +37,15 @@ def test_bursts_count_where_the_effect_acts():
     assert bursts(steady, 0.5 * noise) == 0.0
     alike = np.repeat(rng.normal(size=n // 24), 24)
     assert bursts(np.ones(n), alike) > 10
+
+
+def test_noise_that_is_small_for_as_long_as_a_push_lasts_is_judged_by_what_is_around():
+    """A minute of noise three times as large in the middle, but not in the two seconds of a push, by chance."""
+    noise, own = np.random.default_rng(0).standard_normal(600), np.zeros(600)
+    noise[250:350] *= 3.0
+    own[290:310] = 1.0
+    noise[290:310] *= 0.3
+    assert bursts(own, noise) < 1.5 < 3.0 < bursts(around(own, 20), noise)
 
 
 def test_an_offset_below_half_a_step_is_no_evidence(tmp_path):
