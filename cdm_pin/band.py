@@ -50,7 +50,7 @@ class Band:
         """Filter and decimate along the last axis, (..., n) -> (..., ceil(n / step)); `segments` cuts the ends."""
         half, step, n = len(self.taps) // 2, self.step, x.shape[-1]
         kept = -(-n // step)
-        if step < 4:
+        if step < 4:  # blocks of few samples are no quicker
             y = upfirdn(self.taps, x, 1, step, axis=-1)
             return y[..., half // step : half // step + kept]
         many = 2 * half // step + 1  # blocks of samples that the kernel covers, one of them by its last tap alone

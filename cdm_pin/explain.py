@@ -25,6 +25,7 @@ from .selection import (
     all_candidates,
     errors,
     family_wise,
+    inside_of,
     rms,
     tones,
 )
@@ -1072,10 +1073,9 @@ def _is_in_means(search: Search, candidate: Candidate, fit: Fit) -> bool:
     problem, own = search.problem, search.columns(candidate)
     left, m = errors(search, fit.base, fit.effects, fit.beta), problem.model.n_motors * problem.torque
     means = []
-    for parts, run, inside in zip(zip(own, left, strict=True), problem.runs, problem.segments, strict=True):
-        if inside and run.sure is not None:
-            travel = [np.concatenate([x[m:, a:b] for a, b in inside], axis=1) for x in (parts[0][0], parts[1])]
-            means.append([x.mean(axis=1) / run.sure for x in travel])
+    for columns, rest, run, segments in zip(own, left, problem.runs, problem.segments, strict=True):
+        if segments and run.sure is not None:
+            means.append([inside_of(x[m:], segments).mean(axis=1) / run.sure for x in (columns[0], rest)])
     if not means:
         return True
     x, y = np.concatenate(means, axis=1)

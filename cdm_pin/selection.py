@@ -521,8 +521,7 @@ class Search:
                 W = self.white(whitener, banks, quiet)
                 theta = _least_squares(W[:-1], W[-1])[0]
                 residuals = [bank[-1] - np.tensordot(theta, bank[:-1], 1) for bank in banks]
-                quiet = quiet_segments([e[blocks[0]] for e in residuals], self.problem.segments)
-                whitener = fit_quiet(residuals, self.problem.segments, self.settings.order, blocks)
+                whitener, quiet = fit_quiet(residuals, self.problem.segments, self.settings.order, blocks)
             self._noise[key] = whitener
         return self._noise[key]
 
@@ -725,7 +724,7 @@ class Search:
             banks.append(np.concatenate([*parts, self.nominal[r][None]]))
         ends = [bank.shape[2] for bank in banks]
         for r, run in enumerate(self.problem.segments):  # there are many columns: no more copies than one at a time
-            banks[r] = _inside(banks[r], run)
+            banks[r] = inside_of(banks[r], run)
         shapes = [bank.shape[1:] for bank in banks]
         W = np.concatenate([b.reshape(len(b), -1) for b in banks], axis=1)
         level = np.concatenate([np.repeat(1 / np.diag(self.plain.mix), n) for _, n in shapes])
@@ -845,8 +844,7 @@ class Search:
             for rows, rigid, run, inside in zip(out, self.rigid, problem.runs, problem.segments, strict=True):
                 own = beta[0] / problem.model.arm_scale[i] * rigid[: self.n_bodies, i]
                 if run.sure is not None and inside:  # as far as the mean of a travel counts
-                    mean = np.concatenate([own[:, a:b] for a, b in inside], axis=1).mean(axis=1, keepdims=True)
-                    own = own - (1.0 - run.sure[i]) * mean
+                    own = own - (1.0 - run.sure[i]) * inside_of(own, inside).mean(axis=1, keepdims=True)
                 rows[: self.n_bodies, m + i] += own
         return out
 
@@ -1026,7 +1024,8 @@ def _minor_signs(candidate: Candidate, k: int) -> list[int]:
     return [*(signs if any(signs[1:]) else [0, *signs[1:]]), *[0] * k][:k]
 
 
-def _inside(bank: Vector, run: Segments) -> Vector:
+def inside_of(bank: Vector, run: Segments) -> Vector:
+    """Join the samples of segments, (..., n) -> (..., fewer)."""
     return np.concatenate([bank[..., a:b] for a, b in run] or [bank[..., :0]], axis=-1)
 
 

@@ -225,25 +225,26 @@ def fit_whitener(
 
 def fit_quiet(
     residuals: Sequence[Vector], segments: Sequence[Segments], order: int, blocks: Sequence[slice]
-) -> Whitener:
+) -> tuple[Whitener, list[Segments]]:
     """Fit a whitener to each group of channels by itself: to the first where it does not stand out (`quiet_segments`).
 
     To the others, where nothing does. Rounding comes in bursts where motion rests and starts, which is no reason to
-    know less of the noise of torques, but one to know all channels of travel from the same samples.
+    know less of the noise of torques, but one to know all channels of travel from the same samples. The second value
+    is where the first group does not stand out.
     """
-    parts = []
-    for block in blocks:
-        own = [e[block] for e in residuals]
-        parts.append(fit_whitener(own, quiet_segments(residuals if parts else own, segments), order))
+    first = quiet_segments([e[blocks[0]] for e in residuals], segments)
+    rest = quiet_segments(residuals, segments) if len(blocks) > 1 else first
+    quiet = [first, *[rest] * (len(blocks) - 1)]
+    parts = [fit_whitener([e[b] for e in residuals], own, order) for b, own in zip(blocks, quiet, strict=True)]
     if len(parts) == 1:
-        return parts[0]
+        return parts[0], first
     longest = max(part.order for part in parts)
     coefficients = np.concatenate([np.pad(p.coefficients, ((0, 0), (0, longest - p.order))) for p in parts])
     scale = np.sqrt(np.average([p.scale**2 for p in parts], axis=0, weights=[len(p.mix) for p in parts]))
     mix = np.zeros((len(coefficients), len(coefficients)))
     for block, part in zip(blocks, parts, strict=True):
         mix[block, block] = part.mix
-    return Whitener(coefficients, mix, scale)
+    return Whitener(coefficients, mix, scale), first
 
 
 def log_likelihood(whitener: Whitener, segments: Sequence[Segments]) -> float:

@@ -87,7 +87,8 @@ def test_bursts_of_one_kind_of_channel_leave_the_others_alone():
     rng = np.random.default_rng(3)
     x, segments, blocks = rng.standard_normal((2, 400)), [[(0, 400)]], [slice(0, 1), slice(1, 2)]
     x[1, 100:200] *= 30.0
-    both = fit_quiet([x], segments, 4, blocks)
+    both, quiet = fit_quiet([x], segments, 4, blocks)
+    assert quiet == segments
     alone = fit_whitener([x[:1]], segments, 4)
     assert np.array_equal(both.coefficients[:1], alone.coefficients)
     assert both.mix[0, 0] == alone.mix[0, 0] and both.mix[1, 0] == 0.0
