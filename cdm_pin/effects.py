@@ -17,7 +17,6 @@ import numpy as np
 from scipy.ndimage import correlate1d
 from scipy.spatial.transform import Rotation
 
-from .base import BaseParameters
 from .geometry import Vector
 from .model import CableModel
 from .motion import Motion, derivatives
@@ -146,8 +145,10 @@ class Effect:
     plausible : callable
         Coefficients, shape, scale of the detail -> whether they are such as the law may have.
     leaves_open : callable, optional
-        Motion, place, shape, base parameters, coefficients -> what else it may bring: from inertial parameters that the
-        rest does not show, as far as they may be wrong, or from torques of which its law may or may not speak.
+        Motion, place, shape, coefficients -> what else it may bring, from torques of which its law may or may not
+        speak.
+    reveals : callable, optional
+        Motion, changes of the standard parameters, coefficients -> what these bring beside it and not without it.
     exact_travel : bool
         Whether the kinematic column is exact where the torque's is not.
     confounded : tuple of str
@@ -175,7 +176,8 @@ class Effect:
     error: float = 0.01
     signed: Callable[[Shape], bool] = lambda shape: True
     plausible: Callable[[Vector, Shape, float], bool] = lambda beta, shape, detail: True
-    leaves_open: Callable[[Motion, Place, Shape, BaseParameters, Vector], Columns] | None = None
+    leaves_open: Callable[[Motion, Place, Shape, Vector], Columns] | None = None
+    reveals: Callable[[Motion, Vector, Vector], Columns] | None = None
     detail: Callable[[Motion, Place, Shape, float], list[Vector]] | None = None
     confounded: tuple[str, ...] = ()
     revealed_by: str = ""
@@ -388,6 +390,15 @@ def sign_width(motions: Sequence[Motion], place: Place) -> float:
     return max(2 * noise, 0.02 * speed_scale(motions, place))
 
 
+def _narrowest(motions: Sequence[Motion], place: Place) -> float:
+    """Width of the narrowest peak of friction that the sign of velocity, as far as it is known, does not hide."""
+    return max(0.03 * speed_scale(motions, place), 2.5 * sign_width(motions, place))
+
+
+def _peak_widths(motions: Sequence[Motion], place: Place) -> Vector:
+    return np.maximum(speed_scale(motions, place) * np.array([0.08, 0.2, 0.5]), _narrowest(motions, place))
+
+
 def _width_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
     return [(sign_width(motions, place),)]
 
@@ -558,7 +569,7 @@ def _torque(motion: Motion, place: Place, shape: Shape) -> Columns:
     return _rub(motion, place, np.abs(tau[:, place.index[0]]) * _sign(motion, place, shape))
 
 
-def _other_torques(motion: Motion, place: Place, shape: Shape, base: BaseParameters, beta: Vector) -> Columns:
+def _other_torques(motion: Motion, place: Place, shape: Shape, beta: Vector) -> Columns:
     """Give what friction by torque brings if it follows the rotor's torque, or that of other effects, too.
 
     Where its own torque is in the motion, that counts with these.
@@ -995,24 +1006,10 @@ def _tilt(motion: Motion, place: Place, shape: Shape) -> Columns:
     return Columns(np.stack(columns, axis=-1))
 
 
-def _unlevelled(
-    motion: Motion, place: Place, shape: Shape, base: BaseParameters, beta: Vector, share: float = 0.2
-) -> Columns:
-    """Give what a tilt brings from inertial parameters that a level base hides, as far as the model's may be wrong.
+def _unlevelled(motion: Motion, changes: Vector, beta: Vector) -> Columns:
+    """Give what changes of the standard parameters, (10 n_joints, k), bring under a tilt beyond a level base.
 
-    About a vertical axis the first moments of a link are felt only where the base is tilted.
-
-    Parameters
-    ----------
-    motion : Motion
-    place : Place
-    shape : tuple of float
-    base : BaseParameters
-        What a level base shows.
-    beta : ndarray
-        The tilt [rad].
-    share : float
-        Of the model's parameters that may be wrong.
+    About a vertical axis the first moments of a link are felt only where the base is tilted, or other joints move.
     """
     from .regressor import motor_regressor
 
@@ -1020,10 +1017,7 @@ def _unlevelled(
     axes, zero = np.array(_tilt_axes(model)), np.zeros_like(motion.q)
     turned = model.pin_model.copy()
     turned.gravity.linear = -np.cross(beta[: len(axes)] @ axes, model.chain.gravity)
-    Y = motor_regressor(replace(model, pin_model=turned), motion.q, zero, zero)
-    hidden = np.eye(Y.shape[2])
-    hidden[:, base.columns] -= base.matrix.T  # a change of each parameter that a level base does not show
-    return Columns(Y @ (share * model.standard_parameters[:, None] * hidden).T)
+    return Columns(motor_regressor(replace(model, pin_model=turned), motion.q, zero, zero) @ changes)
 
 
 def _displaced(motion: Motion, place: Place, beta: Vector, shape: Shape) -> Motion:
@@ -1244,8 +1238,10 @@ CATALOGUE: dict[str, Effect] = {
             axis_places,
             _stribeck,
             _stribeck_physical,
-            _grid(_one_width, lambda m, p: speed_scale(m, p) * np.array([0.08, 0.2, 0.5])),
-            _bounds(lambda m, p: (max(0.03 * speed_scale(m, p), 2.5 * sign_width(m, p)), 1.5 * speed_scale(m, p))),
+            _grid(
+                _one_width, lambda m, p: np.maximum(speed_scale(m, p) * np.array([0.08, 0.2, 0.5]), _narrowest(m, p))
+            ),
+            _bounds(lambda m, p: (_narrowest(m, p), max(1.5 * speed_scale(m, p), _narrowest(m, p)))),
             (1, 1),
             confounded=("hysteresis", "quadratic_drag"),
             revealed_by="slow reversals",
@@ -1619,7 +1615,7 @@ CATALOGUE: dict[str, Effect] = {
             weighs=True,
             moves=_tilted,
             error=0.02,
-            leaves_open=_unlevelled,
+            reveals=_unlevelled,
             confounded=("encoder_offset", "joint_spring"),
             revealed_by="a spirit level",
             reference="gravity turned in the base frame",
@@ -1843,10 +1839,15 @@ class Candidate:
         size = float(np.sqrt(np.mean((beta @ series[: len(beta)]) ** 2))) * share * (0.25 if self.detail else 1.0)
         return Columns(along=(size * np.stack(self.effect.detail(motion, *self._here, self.shape[0])), w))
 
-    def left_open(self, motion: Motion, base: BaseParameters, beta: Vector) -> Columns:
+    def left_open(self, motion: Motion, beta: Vector) -> Columns:
         """Give what else it may bring on a motion (`Effect.leaves_open`)."""
         assert self.effect.leaves_open is not None
-        return self.effect.leaves_open(motion, *self._here, base, beta)
+        return self.effect.leaves_open(motion, *self._here, beta)
+
+    def revealed(self, motion: Motion, changes: Vector, beta: Vector) -> Columns:
+        """Give what changes of the standard parameters bring on a motion beside it (`Effect.reveals`)."""
+        assert self.effect.reveals is not None
+        return self.effect.reveals(motion, changes, beta)
 
     @property
     def location(self) -> dict[str, Any]:

@@ -380,7 +380,8 @@ def _is_all_but_errors(search: Search, without: Fit, own: Candidate, rival: Cand
 def _peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
     """Let friction be Stribeck's where what dry friction leaves open about its sign rises far above it.
 
-    A sign that is blurred or smooth does not; the peak has to explain as much in its place.
+    A sign that is blurred or smooth does not. The peak has to explain as much in its place, and more than dry friction
+    without either by what a sign's passage may be wrong by.
     """
     search, law = explanation.search, CATALOGUE["stribeck_friction"]
     accepted = [f.candidate for f in explanation.found]
@@ -391,14 +392,16 @@ def _peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
             continue
         without, grid = search.without(explanation.fit, j), law.grid(search.problem.motions, candidate.place)
         trials = [Candidate(law, candidate.place, (candidate.shape[0], *shape[1:])) for shape in grid]
-        own = [search.refine(without, trial, 3) for trial in trials]
-        best = max(
-            (t for t in own if is_plausible(*t)), key=lambda t, without=without: gain(search, without, *t), default=None
-        )
-        slack, quick = search.settings.within(found.score.statistic), replace(candidate, creeps=False)
-        own = min(found.gain, gain(search, without, quick, search.score(without, quick)))
-        if best is not None and gain(search, without, *best) > own - slack:
-            accepted[j] = best[0]
+        refined = [search.refine(without, trial, 3) for trial in trials]
+        peaks = [(gain(search, without, *t), i) for i, t in enumerate(refined) if is_plausible(*t)]
+        if not peaks:
+            continue
+        (worth, i), statistic = max(peaks), found.score.statistic
+        quick, plain = replace(candidate, creeps=False), search.refine(without, refined[i][0].dry, 3)
+        free = min(found.gain, gain(search, without, quick, search.score(without, quick)))
+        passage = _within(search, refined[i][0], statistic, search.settings.close)
+        if worth > max(free - search.settings.within(statistic), gain(search, without, *plain) + passage):
+            accepted[j] = refined[i][0]
     return _with(explanation, accepted)
 
 

@@ -75,6 +75,8 @@ class Settings:
         return max(self.close if least is None else least, 0.5 * error**2 * statistic)
 
 
+UNSURE_MASS = 0.2
+"""Share of themselves by which masses, first moments and inertias of the file may be wrong."""
 COMPLIANT = ("cable_elasticity", "cable_slack")
 """Effects whose first coefficient is how much a cable gives per torque."""
 
@@ -275,12 +277,22 @@ class Search:
 
     def about(self, fit: Fit) -> Search:
         """Give the same search about a fit: its inertial parameters, and the torques that its effects bring."""
-        return self.at(fit.base[: len(self.base.columns)], list(zip(fit.effects, fit.beta, strict=True)))
+        hidden = self.revealing(fit) if any(c.effect.reveals is not None for c in fit.effects) else None
+        return self.at(fit.base[: len(self.base.columns)], list(zip(fit.effects, fit.beta, strict=True)), hidden)
 
-    def at(self, change: Vector, effects: Sequence[tuple[Candidate, Vector]]) -> Search:
-        """Give the same search with the base parameters changed, and effects with coefficients in the motions."""
+    def at(
+        self, change: Vector, effects: Sequence[tuple[Candidate, Vector]], model: CableModel | None = None
+    ) -> Search:
+        """Give the same search with the base parameters changed, and effects with coefficients in the motions.
+
+        A `model` says all of its parameters by itself.
+        """
         effects = [(c, c.admissible(beta)) for c, beta in effects]
-        problem = self.problem.with_model(updated_model(self.problem.model, self.base, change)).with_loads(effects)
+        if model is None:
+            model = updated_model(self.problem.model, self.base, change)
+        else:
+            change = self.base.matrix @ (model.standard_parameters - self.problem.model.standard_parameters)
+        problem = self.problem.with_model(model).with_loads(effects)
         search = Search(problem, self.base, self.settings, self.held, self.drift)
         for name in ("common", "plain", "loads", "smooth", "unshared"):
             if name in self.__dict__:
@@ -798,9 +810,57 @@ class Search:
             doubts = self.problem.reduce(lambda motion: candidate.doubts(motion, beta))
             known = known + np.abs(self.white(fit.whitener, [d.dense() for d in doubts])).sum(axis=0)
         if candidate.effect.leaves_open is not None:
-            further = self.problem.reduce(lambda motion: candidate.left_open(motion, self.base, beta))
+            further = self.problem.reduce(lambda motion: candidate.left_open(motion, beta))
             known = known + np.abs(self.white(fit.whitener, [x.dense() for x in further])).sum(axis=0)
+        if candidate.effect.reveals is not None:
+            _, beside, all_of_it, Q = self._hidden(fit)
+            A = all_of_it - (all_of_it @ Q) @ Q.T
+            known = known + np.linalg.norm(
+                np.linalg.solve(np.linalg.cholesky(A @ A.T + np.eye(len(A))), beside), axis=0
+            )
         return known
+
+    def revealing(self, fit: Fit) -> CableModel | None:
+        """Give the model as a fit's effects reveal it, also in what hides without them; None where no link has a mass.
+
+        Its parameters are as near the file's as the data let them be, in units of how far those may be wrong.
+        """
+        model, file = self.problem.model, self.problem.sensors.model.standard_parameters
+        if not file.any() or not self.problem.torque:
+            return None
+        before, _, all_of_it, Q = self._hidden(fit)
+        y = fit.body.data + all_of_it.T @ ((model.standard_parameters - file) / np.where(before > 0, before, np.inf))
+        A, y = all_of_it - (all_of_it @ Q) @ Q.T, y - Q @ (Q.T @ y)
+        return model.with_standard_parameters(file + before * np.linalg.solve(A @ A.T + np.eye(len(A)), A @ y))
+
+    def _hidden(self, fit: Fit) -> tuple[Vector, Vector, Vector, Vector]:
+        """Give how far each standard parameter may be from the file's, and what torque that brings, whitened.
+
+        Masses may be wrong by a share of themselves, first moments and inertias along any axis by that share of their
+        norm.
+
+        Returns
+        -------
+        before : ndarray, shape (10 n_joints,)
+        beside, all_of_it : ndarray, shape (10 n_joints, n_rows)
+            Torque beside the effects of the fit only, and with that which it brings without them.
+        Q : ndarray, shape (n_rows, rank)
+            Orthonormal basis of all other columns.
+        """
+        values, p = self.problem.sensors.model.standard_parameters.reshape(-1, 10), len(self.base.columns)
+        parts = [np.linalg.norm(values[:, a:b], axis=1) for a, b in ((0, 1), (1, 4), (4, 10))]
+        before = UNSURE_MASS * np.repeat(np.stack(parts, axis=1), (1, 3, 6), axis=1).ravel()
+        banks = [np.zeros((len(before), *rigid.shape[1:])) for rigid in self.rigid]
+        for candidate, beta in zip(fit.effects, fit.beta, strict=True):
+            if candidate.effect.reveals is not None:
+                columns = self.problem.reduce(
+                    lambda motion, c=candidate, b=beta: c.revealed(motion, np.diag(before), b)
+                )
+                banks = [bank + x.dense() for bank, x in zip(banks, columns, strict=True)]
+        beside, W = self.white(fit.whitener, banks), self.white(fit.whitener, self.rigid)
+        others = np.concatenate([W[p:], *[self.white(fit.whitener, self.columns(c)) for c in fit.effects]])
+        Q = _least_squares(others, fit.body.data)[1]
+        return before, beside, beside + before[:, None] * (self.base.matrix.T @ W[:p]), Q
 
     def offsets(self, fit: Fit) -> Vector:
         """Give what constant errors of the encoders may bring, whitened, as far as a fit leaves it.

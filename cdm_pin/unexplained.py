@@ -195,7 +195,8 @@ def wandering_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     """Say where a torque wanders slowly with time, in no repeatable way; None where it does not.
 
     Its place is that joint or motor along whose coordinate the slow part of the residual lies. It has to be more than
-    an error of the rigid body's torque, and than steps of encoders bring, which are slow where motions are.
+    an error of the rigid body's torque and of the laws, and than steps of encoders bring, which are slow where motions
+    are.
     """
     problem, model = search.problem, search.problem.model
     rest, noise = search.left_over(fit.effects, smooth=False)
@@ -213,6 +214,7 @@ def wandering_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
         return None
     both = np.concatenate(slow, axis=1)
     least = np.maximum(search.settings.torque_error * search.loads[:m], 2.0 * problem.sensors.rounding)
+    least = np.maximum(least, _accuracy(search, fit)[:m])
     if np.all(np.sqrt(np.mean(both**2, axis=1)) < least):
         return None
     place = _place_of(both, model)

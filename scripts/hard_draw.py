@@ -18,6 +18,7 @@ GRID = 0.002  # [s] of the prescribed motion
 SIGN = 0.004  # [rad/s] over which dry friction turns
 DELAY = 0.0073  # [s]
 CONDITIONS: dict[str, tuple[Any, ...]] = {
+    "arm": (2, 3, 4, 5, 6),
     "motion": ("point to point", "steps of a person", "ramps", "noise", "very slow"),
     "at rest": ("no joint", "no joint", "one joint"),
     "torque noise": ("white", "autoregression", "resonance", "hum", "grows with speed", "coarse steps"),
@@ -44,7 +45,7 @@ def draw(
     rng: np.random.Generator, condition: dict[str, Any], effect: str | None
 ) -> tuple[dict[str, Any], list[Recording], dict[str, Any]]:
     """Give a manipulator file whose masses are wrong by up to a tenth, two recordings of the arm, and the truth."""
-    n, ratio = int(rng.integers(2, 5)), float(rng.choice([1.0, rng.uniform(0.3, 1.0)]))
+    n, ratio = condition["arm"], float(rng.choice([1.0, rng.uniform(0.3, 1.0)]))
     manipulator, arm = _arm(rng, n, ratio)
     E = ratio * (np.eye(n) - np.eye(n, k=-1))
     j, still = rng.choice(n, 2, replace=False)

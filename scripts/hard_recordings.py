@@ -32,7 +32,7 @@ from cdm_pin.model import build_model
 from cdm_pin.scoring import describe, score
 
 ROOT = Path(__file__).resolve().parent.parent
-UNITS = {"encoder": " bits", "encoders": " encoders", "rate": " Hz", "duration": " s"}
+UNITS = {"arm": " links", "encoder": " bits", "encoders": " encoders", "rate": " Hz", "duration": " s"}
 
 
 class Outcome(NamedTuple):
@@ -101,7 +101,7 @@ def document(outcomes: Sequence[Outcome], trials: int, word: str) -> str:
         "Conditions are harder than those of [the proof](proof.md): people's and robots' jerky or very slow motions, "
         "joints that never move, encoders down to 12 bits that may round down, torque noise of many colours, sampling "
         "instants off by up to a fifth of a step, recordings as short as 15 s. Motions are prescribed and Pinocchio "
-        "gives the torques; arms have 2 to 4 links, some with twisted axes. One recording is learned from, one is "
+        "gives the torques; some arms have twisted axes. One recording is learned from, one is "
         "unseen, and masses in the file are wrong by up to a tenth. Effects are 5 to 12 % of the largest torque, "
         f"whether that can be seen or not; delays are {1000 * DELAY:g} ms. *Alarms*: anything said about an arm from "
         "which nothing is missing. *Right*: name and place; *class*: listed among what cannot be told apart; "

@@ -5,14 +5,17 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from arms import planar_content
+from scipy.spatial.transform import Rotation
 from trials import loaded_trial
 
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.diagnose import diagnose
 from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.effects import CATALOGUE, Candidate, pair_places
-from cdm_pin.explain import is_resolved
-from cdm_pin.model import load_model
+from cdm_pin.explain import is_resolved, settled
+from cdm_pin.manipulator import parse_manipulator
+from cdm_pin.model import build_model, load_model
 from cdm_pin.next_experiment import plan_next
 from cdm_pin.plant.draw import draw
 from cdm_pin.problem import make_problem
@@ -78,6 +81,30 @@ def test_lines_whiten_as_their_columns_do():
     whitener = Whitener(rng.normal(size=(3, 5)) * 0.1, mix, np.ones(1))
     segments = [(0, 90), (100, 200)]
     assert np.allclose(whitener.lines([joined], [segments]), whitener(joined.dense(), segments))
+
+
+def test_a_tilted_base_reveals_first_moments():
+    """About a vertical axis they are felt only where the base is tilted: then they need not be the file's any more."""
+    content = planar_content(2, 3) | {"gravity": [0.0, 0.0, -9.81]}
+    model = build_model(parse_manipulator(content))
+    first, mass = (model.parameter_names.index(name) for name in ("mx_1", "m_2"))
+    wrong = model.standard_parameters.copy()
+    wrong[mass] *= 1.1
+    tilted, down = model.with_standard_parameters(wrong), Rotation.from_rotvec([0.05, -0.03, 0.0]).inv()
+    tilted.pin_model.gravity.linear = down.apply(np.array(model.chain.gravity))
+    t, rng = np.arange(0.0, 20.0, 0.005), np.random.default_rng(0)
+    w = 2 * np.pi * np.array([0.31, 0.47])
+    q, v, a = (np.sin(w * t[:, None]), w * np.cos(w * t[:, None]), -(w**2) * np.sin(w * t[:, None]))
+    torque = inverse_dynamics(tilted, q, v, a) @ model.joint_from_motor + 1e-3 * rng.normal(size=q.shape)
+    record = Recording(t, {"joint_position": q, "motor_torque": torque})
+    search = Search(make_problem(model, [record]), base_parameters(model), Settings())
+    felt = np.zeros(20)  # by joint 1: its own first moment and the mass of link 2 at its end
+    felt[[first, mass]] = 1.0, content["links"][0]["length"]
+    file, true = felt @ model.standard_parameters, felt @ wrong
+    without = search.about(search.fit([]))
+    there, _ = settled(search, all_candidates(search.problem, ["base_tilt"]))
+    assert abs(felt @ without.problem.model.standard_parameters - true) > 0.5 * abs(true - file)
+    assert felt @ there.problem.model.standard_parameters == pytest.approx(true, abs=0.2 * abs(true - file))
 
 
 def test_hysteresis_between_two_motors_parts_is_found_with_its_ratio(tmp_path):
