@@ -264,6 +264,7 @@ def _validated(seen: Problem | None, explanation: Explanation) -> tuple[Search |
     """Keep of an explanation what the unseen recordings confirm; give the search on them, about the same model, too."""
     if seen is None:
         return None, _weighed(None, explanation) if explanation.everywhere else explanation
+    seen = _undisturbed(seen, explanation)
     judge = _judge(seen, explanation)
     if explanation.everywhere:
         return judge, _weighed(judge, explanation)
@@ -272,6 +273,34 @@ def _validated(seen: Problem | None, explanation: Explanation) -> tuple[Search |
         judge = _judge(seen, more)
     left = _judged(judge, more)
     return _tied(judge, left), left
+
+
+def _undisturbed(seen: Problem, explanation: Explanation, most: int = 3) -> Problem:
+    """Leave out where something pushes in unseen recordings, on a joint on which it pushes in the others.
+
+    They judge laws, which hold at all times; when a push comes again is no part of any.
+    """
+    pushed = [f.candidate for f in explanation.found if f.candidate.effect.name == "external_torque"]
+    if not pushed:
+        return seen
+    judge, keys = _judge(seen, explanation), {c.key for c in pushed}
+    bank = judge.bank([c for c in all_candidates(judge.problem, ["external_torque"]) if c.key in keys])
+    effects, again = [f.candidate for f in explanation.found if f.candidate.key not in keys], []
+    while len(again) < most:
+        push = drowned(judge, bank, [*effects, *again])
+        if push is None:
+            break
+        again.append(push[1])
+    runs = []
+    for run in seen.runs:
+        for push in (c for c in again if int(c.shape[2]) == run.motion.index):
+            start, end = push.shape[0] - 1.0 / seen.band.cutoff, push.shape[1] + 1.0 / seen.band.cutoff
+            inside = (run.motion.time >= start) & (run.motion.time <= end)
+            words = f"{max(start, 0.0):.1f} to {end:.1f} s left out: something pushes on joint {push.location['index']}"
+            notices = (*run.signals.notices, words)
+            run = replace(run, signals=replace(run.signals, valid=run.signals.valid & ~inside, notices=notices))
+        runs.append(run)
+    return replace(seen, runs=tuple(runs))
 
 
 def _judge(seen: Problem, explanation: Explanation) -> Search:
@@ -600,7 +629,7 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
         "sensitivity": fi.sensitivities(search, explanation),
         "unexplained": unexplained,
         "next_experiment": None,
-        "data": _data(search.problem),
+        "data": _data(search.problem, judge.problem if judge is not None else None),
         "names": {"joint": list(model.joints), "motor": list(model.motors)},
     }
     experiment = plan_next(search, explanation, _unresolved(explanation, dict(zip(stated, items, strict=True))))
@@ -628,17 +657,22 @@ def _unresolved(explanation: Explanation, items: Mapping[int, dict[str, Any]]) -
     return out[:2]
 
 
-def _data(problem: Problem) -> dict[str, Any]:
+def _data(problem: Problem, seen: Problem | None = None) -> dict[str, Any]:
     return {
         "band": [0.0, problem.band.cutoff],
         "rate": problem.band.reduced_rate,
         "torque": problem.torque,
         "kinematic": problem.kinematic,
-        "recordings": [
-            {"name": run.name, "duration": float(run.motion.time[-1]), "notices": list(run.signals.notices)}
-            for run in problem.runs
-        ],
+        "recordings": _recordings(problem),
+        "unseen": _recordings(seen) if seen is not None else [],
     }
+
+
+def _recordings(problem: Problem) -> list[dict[str, Any]]:
+    return [
+        {"name": run.name, "duration": float(run.motion.time[-1]), "notices": list(run.signals.notices)}
+        for run in problem.runs
+    ]
 
 
 def _finding(

@@ -1079,8 +1079,8 @@ def _external(motion: Motion, place: Place, shape: Shape) -> Columns:
 def _windows(motions: Sequence[Motion], place: Place) -> list[Shape]:
     """Overlapping windows of four lengths, on every recording."""
     shapes = []
-    for r, motion in enumerate(motions):
-        end = float(motion.time[-1])
+    for motion in motions:
+        end, r = float(motion.time[-1]), motion.index
         for width in end / 75 * 2.5 ** np.arange(4):
             shapes += [(float(t), float(t + width), float(r)) for t in np.arange(0.0, end - width, width / 2)]
     return shapes

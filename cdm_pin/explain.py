@@ -753,7 +753,7 @@ def _is_held(search: Search, push: Candidate, size: float, fit: Fit) -> bool:
 
     It does where nothing moves, and in motion as slow as that in which the law leaves its sign open (`transitions`).
     """
-    model, motion = search.problem.model, search.problem.motions[int(push.shape[2])]
+    model, motion = search.problem.model, next(m for m in search.problem.motions if m.index == int(push.shape[2]))
     inside = (motion.time >= push.shape[0]) & (motion.time <= push.shape[1])
     own = push.place.weights(model)
     for law, beta in [*zip(fit.effects, fit.beta, strict=True), *effect_candidates(model)]:

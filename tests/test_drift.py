@@ -165,6 +165,18 @@ def test_encoders_do_not_drift():
     assert np.abs(still[:m]).mean() < 0.2
 
 
+def test_a_push_that_comes_again_in_the_unseen_recording_is_a_push():
+    """The unseen recording is judged without it, and says so."""
+    runs = [recording(60, push=1.0), recording(62, push=1.0, at=(35.0,))]
+    content = diagnose(load_model(ARM), runs[:1], runs[1:]).content
+    (finding,) = [f for f in content["findings"] if f["effect"] == "external_torque"]
+    assert content["verdict"] == "missing_physics" and finding["location"] == {"kind": "joint", "index": 2}
+    (notice,) = [text for text in content["data"]["unseen"][0]["notices"] if "pushes on joint 2" in text]
+    start, end = (float(x) for x in notice.split(" s ")[0].split(" to "))
+    assert 34.0 < start < 35.0 and 39.0 <= end < 40.0
+    assert not any("pushes" in text for text in content["data"]["recordings"][0]["notices"])
+
+
 def test_pushes_that_follow_each_other_closely_are_one():
     """What is left beside a push that swells and fades is no other push."""
     law = CATALOGUE["external_torque"]
