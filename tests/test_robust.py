@@ -175,7 +175,7 @@ def test_friction_may_hold_a_push_at_standstill(speed, size, place, held):
     model = load_model("urdf/planar3.yaml")
     time = np.linspace(0.0, 10.0, 1000)
     v = np.where((time > 4) & (time < 6), speed, 1.0)[:, None] * np.ones(3)
-    motion = SimpleNamespace(model=model, time=time, v=v, v_m=v, velocity_noise=np.full(3, 1e-4), swing=None)
+    motion = SimpleNamespace(model=model, index=0, time=time, v=v, v_m=v, velocity_noise=np.full(3, 1e-4), swing=None)
     search = SimpleNamespace(problem=SimpleNamespace(model=model, motions=[motion]))
     places = joint_places(model)
     fit = SimpleNamespace(
