@@ -33,12 +33,12 @@ from .explain import (
 from .geometry import Manipulator, Vector, frozen_array
 from .model import CableModel
 from .next_experiment import Experiment, plan_next
-from .problem import Problem, make_problem
+from .problem import Problem, Run, make_problem
 from .recording import Recording
 from .regions import region
 from .replay import Replay, simulated_position
 from .replay_runs import replay_runs
-from .selection import Fit, ProgressCallback, Search, Settings, all_candidates, errors, rms
+from .selection import Bank, Fit, ProgressCallback, Search, Settings, all_candidates, errors, rms
 from .soft import softest
 from .unexplained import (
     at_corrections,
@@ -196,22 +196,25 @@ def _beside_drifts(search: Search, progress: ProgressCallback | None) -> Explana
     return max(ways, key=lambda e: _likelihood(e.search, [f.candidate for f in e.found]))
 
 
-def _drifting(search: Search, most: int = 3) -> Search:
+def _drifting(search: Search) -> Search:
     """Give the search with drifting zeros beside the rigid body; quick ones only where no pushes are likelier."""
     own = search.with_drift()
     if own.drift is None or not own.drift.quicker:
         return own
-    slow, pushes = search.with_drift(most=0), []
-    bank = slow.bank(all_candidates(search.problem, ["external_torque"]))
-    while len(pushes) < most:
-        push = drowned(slow, bank, pushes)
-        if push is None:
-            break
-        pushes.append(push[1])
+    slow = search.with_drift(most=0)
+    pushes = _pushes(slow, slow.bank(all_candidates(search.problem, ["external_torque"])), [])
     if not pushes:
         return own
     ways = [(own, []), (slow, pushes), (search.with_drift(pushes), pushes)]
     return max(ways, key=lambda way: _likelihood(*way))[0]
+
+
+def _pushes(search: Search, bank: Bank, effects: Sequence[Candidate], most: int = 3) -> list[Candidate]:
+    """Find pushes of a bank beside some effects, one after another, also where they pass for slow noise."""
+    pushes: list[Candidate] = []
+    while len(pushes) < most and (push := drowned(search, bank, [*effects, *pushes])) is not None:
+        pushes.append(push[1])
+    return pushes
 
 
 def _swinging(
@@ -275,32 +278,32 @@ def _validated(seen: Problem | None, explanation: Explanation) -> tuple[Search |
     return _tied(judge, left), left
 
 
-def _undisturbed(seen: Problem, explanation: Explanation, most: int = 3) -> Problem:
+def _undisturbed(seen: Problem, explanation: Explanation) -> Problem:
     """Leave out where something pushes in unseen recordings, on a joint on which it pushes in the others.
 
     They judge laws, which hold at all times; when a push comes again is no part of any.
     """
-    pushed = [f.candidate for f in explanation.found if f.candidate.effect.name == "external_torque"]
-    if not pushed:
+    keys = {f.candidate.key for f in explanation.found if f.candidate.effect.name == "external_torque"}
+    if not keys:
         return seen
-    judge, keys = _judge(seen, explanation), {c.key for c in pushed}
+    judge = _judge(seen, explanation)
     bank = judge.bank([c for c in all_candidates(judge.problem, ["external_torque"]) if c.key in keys])
-    effects, again = [f.candidate for f in explanation.found if f.candidate.key not in keys], []
-    while len(again) < most:
-        push = drowned(judge, bank, [*effects, *again])
-        if push is None:
-            break
-        again.append(push[1])
-    runs = []
-    for run in seen.runs:
-        for push in (c for c in again if int(c.shape[2]) == run.motion.index):
-            start, end = push.shape[0] - 1.0 / seen.band.cutoff, push.shape[1] + 1.0 / seen.band.cutoff
-            inside = (run.motion.time >= start) & (run.motion.time <= end)
+    pushes = _pushes(judge, bank, [f.candidate for f in explanation.found if f.candidate.key not in keys])
+    if not pushes:
+        return seen
+    return replace(seen, runs=tuple(_without_pushes(run, pushes, 1.0 / seen.band.cutoff) for run in seen.runs))
+
+
+def _without_pushes(run: Run, pushes: Sequence[Candidate], margin: float) -> Run:
+    """Leave out of a recording when something pushes, and some seconds before and after it."""
+    valid, notices, time = run.signals.valid, run.signals.notices, run.motion.time
+    for push in pushes:
+        if int(push.shape[2]) == run.motion.index:
+            start, end = push.shape[0] - margin, push.shape[1] + margin
+            valid = valid & ~((time >= start) & (time <= end))
             words = f"{max(start, 0.0):.1f} to {end:.1f} s left out: something pushes on joint {push.location['index']}"
-            notices = (*run.signals.notices, words)
-            run = replace(run, signals=replace(run.signals, valid=run.signals.valid & ~inside, notices=notices))
-        runs.append(run)
-    return replace(seen, runs=tuple(runs))
+            notices = (*notices, words)
+    return replace(run, signals=replace(run.signals, valid=valid, notices=notices))
 
 
 def _judge(seen: Problem, explanation: Explanation) -> Search:

@@ -1238,9 +1238,7 @@ CATALOGUE: dict[str, Effect] = {
             axis_places,
             _stribeck,
             _stribeck_physical,
-            _grid(
-                _one_width, lambda m, p: np.maximum(speed_scale(m, p) * np.array([0.08, 0.2, 0.5]), _narrowest(m, p))
-            ),
+            _grid(_one_width, _peak_widths),
             _bounds(lambda m, p: (_narrowest(m, p), max(1.5 * speed_scale(m, p), _narrowest(m, p)))),
             (1, 1),
             confounded=("hysteresis", "quadratic_drag"),

@@ -277,8 +277,8 @@ class Search:
 
     def about(self, fit: Fit) -> Search:
         """Give the same search about a fit: its inertial parameters, and the torques that its effects bring."""
-        hidden = self.revealing(fit) if any(c.effect.reveals is not None for c in fit.effects) else None
-        return self.at(fit.base[: len(self.base.columns)], list(zip(fit.effects, fit.beta, strict=True)), hidden)
+        effects = list(zip(fit.effects, fit.beta, strict=True))
+        return self.at(fit.base[: len(self.base.columns)], effects, self.revealed(fit))
 
     def at(
         self, change: Vector, effects: Sequence[tuple[Candidate, Vector]], model: CableModel | None = None
@@ -813,24 +813,23 @@ class Search:
             further = self.problem.reduce(lambda motion: candidate.left_open(motion, beta))
             known = known + np.abs(self.white(fit.whitener, [x.dense() for x in further])).sum(axis=0)
         if candidate.effect.reveals is not None:
-            _, beside, all_of_it, Q = self._hidden(fit)
-            A = all_of_it - (all_of_it @ Q) @ Q.T
-            known = known + np.linalg.norm(
-                np.linalg.solve(np.linalg.cholesky(A @ A.T + np.eye(len(A))), beside), axis=0
-            )
+            _, beside, A, _ = self._hidden(fit)
+            open_still = np.linalg.solve(np.linalg.cholesky(A @ A.T + np.eye(len(A))), beside)
+            known = known + np.linalg.norm(open_still, axis=0)
         return known
 
-    def revealing(self, fit: Fit) -> CableModel | None:
-        """Give the model as a fit's effects reveal it, also in what hides without them; None where no link has a mass.
+    def revealed(self, fit: Fit) -> CableModel | None:
+        """Give the model as a fit's effects reveal it, also in what hides without them; None where none does.
 
-        Its parameters are as near the file's as the data let them be, in units of how far those may be wrong.
+        Its parameters are as near the file's as the data let them be, in units of how far those may be wrong. Without
+        masses in the file nothing is known of that.
         """
         model, file = self.problem.model, self.problem.sensors.model.standard_parameters
-        if not file.any() or not self.problem.torque:
+        if not file.any() or not self.problem.torque or all(c.effect.reveals is None for c in fit.effects):
             return None
-        before, _, all_of_it, Q = self._hidden(fit)
-        y = fit.body.data + all_of_it.T @ ((model.standard_parameters - file) / np.where(before > 0, before, np.inf))
-        A, y = all_of_it - (all_of_it @ Q) @ Q.T, y - Q @ (Q.T @ y)
+        before, _, A, Q = self._hidden(fit)
+        change = (model.standard_parameters - file) / np.where(before > 0, before, np.inf)
+        y = fit.body.data - Q @ (Q.T @ fit.body.data) + A.T @ change
         return model.with_standard_parameters(file + before * np.linalg.solve(A @ A.T + np.eye(len(A)), A @ y))
 
     def _hidden(self, fit: Fit) -> tuple[Vector, Vector, Vector, Vector]:
@@ -842,10 +841,12 @@ class Search:
         Returns
         -------
         before : ndarray, shape (10 n_joints,)
-        beside, all_of_it : ndarray, shape (10 n_joints, n_rows)
-            Torque beside the effects of the fit only, and with that which it brings without them.
+        beside : ndarray, shape (10 n_joints, n_rows)
+            Torque that it brings beside the effects of the fit only.
+        A : ndarray, shape (10 n_joints, n_rows)
+            All of its torque, as far as the other columns leave it.
         Q : ndarray, shape (n_rows, rank)
-            Orthonormal basis of all other columns.
+            Orthonormal basis of the other columns.
         """
         values, p = self.problem.sensors.model.standard_parameters.reshape(-1, 10), len(self.base.columns)
         parts = [np.linalg.norm(values[:, a:b], axis=1) for a, b in ((0, 1), (1, 4), (4, 10))]
@@ -860,7 +861,8 @@ class Search:
         beside, W = self.white(fit.whitener, banks), self.white(fit.whitener, self.rigid)
         others = np.concatenate([W[p:], *[self.white(fit.whitener, self.columns(c)) for c in fit.effects]])
         Q = _least_squares(others, fit.body.data)[1]
-        return before, beside, beside + before[:, None] * (self.base.matrix.T @ W[:p]), Q
+        A = beside + before[:, None] * (self.base.matrix.T @ W[:p])
+        return before, beside, A - (A @ Q) @ Q.T, Q
 
     def offsets(self, fit: Fit) -> Vector:
         """Give what constant errors of the encoders may bring, whitened, as far as a fit leaves it.

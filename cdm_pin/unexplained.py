@@ -213,8 +213,8 @@ def wandering_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     if not slow:
         return None
     both = np.concatenate(slow, axis=1)
-    least = np.maximum(search.settings.torque_error * search.loads[:m], 2.0 * problem.sensors.rounding)
-    least = np.maximum(least, _accuracy(search, fit)[:m])
+    rigid, laws = search.settings.torque_error * search.loads, _accuracy(search, fit)
+    least = np.max([rigid[:m], laws[:m], 2.0 * problem.sensors.rounding], axis=0)
     if np.all(np.sqrt(np.mean(both**2, axis=1)) < least):
         return None
     place = _place_of(both, model)

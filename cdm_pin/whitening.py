@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.special import gammaln
 from scipy.stats import chi2
 
@@ -241,10 +242,7 @@ def fit_quiet(
     longest = max(part.order for part in parts)
     coefficients = np.concatenate([np.pad(p.coefficients, ((0, 0), (0, longest - p.order))) for p in parts])
     scale = np.sqrt(np.average([p.scale**2 for p in parts], axis=0, weights=[len(p.mix) for p in parts]))
-    mix = np.zeros((len(coefficients), len(coefficients)))
-    for block, part in zip(blocks, parts, strict=True):
-        mix[block, block] = part.mix
-    return Whitener(coefficients, mix, scale), first
+    return Whitener(coefficients, np.asarray(block_diag(*(p.mix for p in parts))), scale), first
 
 
 def log_likelihood(whitener: Whitener, segments: Sequence[Segments]) -> float:
