@@ -25,6 +25,7 @@ from .explain import (
     explain,
     explained,
     is_loud,
+    next_law,
     patch,
     settled,
     still_standing,
@@ -275,6 +276,8 @@ def _validated(seen: Problem | None, explanation: Explanation) -> tuple[Search |
     if more is not explanation:
         judge = _judge(seen, more)
     left = _judged(judge, more)
+    if left.search is not more.search:
+        judge = _judge(seen, left)
     return _tied(judge, left), left
 
 
@@ -338,7 +341,7 @@ def _judged(judge: Search, explanation: Explanation) -> Explanation:
 
     One at a time, first that without which they are likeliest: the others may have failed, or helped, only beside it.
     """
-    withdrawn, patched = False, False
+    withdrawn, patched = set(), False
     for _ in range(2 * explanation.search.settings.most):
         before, explanation = explanation, _reconsidered(judge, explanation)
         if explanation is not before:
@@ -350,14 +353,20 @@ def _judged(judge: Search, explanation: Explanation) -> Explanation:
         failing = [j for j in range(len(explanation.found)) if not _helps(judge, explanation, j)]
         if failing:
             worst = min(failing, key=lambda j: deviance_unseen(judge, search.without(explanation.fit, j)))
+            withdrawn.add(explanation.found[worst].candidate.key)
             explanation = _restricted(explanation, [f for j, f in enumerate(explanation.found) if j != worst])
-            withdrawn = True
             continue
         left = [f.candidate for f in explanation.found]
-        more = patch(search, explanation.bank, left) if withdrawn and not patched else None
-        if more is None:
+        if not withdrawn or patched:
             break
-        explanation, patched = explained(search, explanation.bank, more), True
+        law = next_law(search, explanation.bank, left, withdrawn)
+        if law is not None:  # kept out by what was withdrawn
+            search, more = settled(search, [*left, law])
+            withdrawn.add(law.key)
+        elif (more := patch(search, explanation.bank, left)) is None:
+            break
+        explanation, patched = explained(search, search.renewed(explanation.bank), more), law is None
+        judge = judge if law is None else _judge(judge.problem, explanation)
     return explanation
 
 
@@ -499,7 +508,8 @@ def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
     a tenth is asked for, and 3 where they could show as much: what the training is sure of needs no more. The plain
     error, drifts aside, must not rise either, unless masses that the training could not tell make most of it.
     Where nearly all of the plain error goes, no more is asked: slow noise could hide a constant from the likelihood.
-    What is loud in the training, and would not show on the unseen recordings, they cannot speak against.
+    What is loud in the training, and would not show on the unseen recordings, they cannot speak against. What is little
+    more than other laws may be wrong by is none of that only if it leaves nothing but noise.
     """
     found, fit = explanation.found[j], explanation.fit
     if fit.effects[j].effect.name in ONCE:
@@ -521,6 +531,9 @@ def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
     if fall < max(least * found.candidate.named, 0.1 * due):
         return False
     rise = 1.03 if fall > max(0.5 * due, 20.0) else 1.01
+    others = sum(f.score.statistic for f in explanation.found) - found.score.statistic
+    if found.score.statistic < (2.0 * explanation.search.settings.law_error) ** 2 * others:
+        return with_it < min(without_it, 1.5 * judge.problem.n_channels)
     return with_it < rise * without_it or with_it > 9.0 * judge.problem.n_channels
 
 

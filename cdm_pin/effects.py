@@ -435,7 +435,7 @@ def _rub(motion: Motion, place: Place, *series: Vector) -> Columns:
 
 
 def _speed(motion: Motion, place: Place) -> Vector:
-    return place.along(motion.v, motion.v_m)
+    return place.along(motion.joint_speeds, motion.v_m)
 
 
 def _position(motion: Motion, place: Place) -> Vector:

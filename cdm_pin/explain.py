@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,6 +35,8 @@ SHARING = ("asymmetric_friction", "position_dependent_friction", "friction_drift
 """Refinements of dry friction that another law at their place may have the dry part of."""
 REFINING = ("stribeck_friction", *SHARING)
 """Laws whose first column is dry friction, the others what refines it."""
+DRAGS = ("viscous_friction", "quadratic_drag")
+"""Powers of speed that pass for each other beside dry friction."""
 UNLIKELIER = "transmission_ratio_error"
 """Less likely than what is as simple and explains as much: radii of pulleys are known better than gains of torques."""
 WANDERS = "unnamed_time"
@@ -43,6 +45,8 @@ ABOUT = 0.02
 """Share of the likelihood gained that the next best law may lose where the best is none that friction can have."""
 ALIKE = 0.95
 """Cosine of the motors' shares beyond which two effects act along one coordinate."""
+NEARLY_PARALLEL = 0.97
+"""Cosine beyond which two motors' coordinate may be a joint's behind a wrong cable map."""
 OPEN = 4.0
 """Speed, over that which is told from noise, up to which the law of dry friction leaves its sign open."""
 STRONG = 400.0
@@ -53,6 +57,10 @@ EVIDENT = 5.0
 """By how much log-evidence more a refinement is named that has more parameters than its likelihood seems to pay for."""
 PASSAGE = 0.02
 """Share of friction below which its sign's passage through zero, as measured, shows no peak."""
+FAR = 10.0
+"""How many times its noise what a fit leaves has to be for one law that explains it wholly to need no more."""
+WHOLE = 0.95
+"""Share that is as good as all of it."""
 PREFERENCE = 2.0
 """By how much log-likelihood less a simpler law, dry friction above all, is named nevertheless."""
 
@@ -466,10 +474,21 @@ def unnamed(search: Search, bank: Bank, accepted: list[Candidate]) -> Candidate 
     return None
 
 
+def next_law(
+    search: Search, bank: Bank, accepted: list[Candidate], but: Container[tuple[str, str]]
+) -> Candidate | None:
+    """Give the law that the data ask for most beside some effects, with all that is left as noise; None for none."""
+    fit = search.fit(accepted)
+    for candidate, score, weight in _leaders(search, fit, bank, 6, accepted):
+        if candidate.key not in but and _passes(search, candidate, score, weight, fit):
+            return search.refine(fit, candidate)[0]
+    return None
+
+
 def explained(search: Search, bank: Bank, accepted: list[Candidate]) -> Explanation:
     """Fit a set of effects and set each against its rivals."""
     search = tied(search, accepted)
-    bank = search.renewed(bank) if search.problem.hung != bank.hung else bank
+    bank = search.renewed(bank) if search.problem.posture != bank.posture else bank
     fit = search.fit(accepted)
     rigid = search.fit([], fit.whitener)
     found = tuple(_compare(search, bank, accepted, j) for j in range(len(accepted)))
@@ -524,28 +543,42 @@ def _sided(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Searc
         return search, bank, accepted
     whitener = search.clear(accepted)
 
-    def judged(effects: list[Candidate]) -> tuple[float, Search, list[Candidate]]:
-        there, effects = _in_turn(search, effects, whitener)
+    def judged(effects: list[Candidate], rounds: int = 2) -> tuple[float, Search, list[Candidate]]:
+        there, effects = _in_turn(search, effects, whitener, rounds)
         fit = there.fit(effects, whitener)
         return fit.deviance + np.log(fit.n_rows) * there.size(*effects), there, effects
 
     model, best = search.problem.model, None
     for j, candidate in enumerate(accepted):
-        if not (candidate.named and candidate.loads and len(candidate.place.index) == 1):
+        if not (candidate.named and candidate.loads and candidate.place.A):
             continue
-        kinds = {place.location["kind"] for place in candidate.effect.places(model)}
-        for twin in twin_places(model, candidate.place):
-            if twin.location["kind"] not in kinds:
-                continue
+        for law in _elsewhere(candidate, model):
             best = best or judged(accepted)
-            laws = [replace(candidate, place=twin)]
-            if candidate.effect.nuisance_shape and laws[0].dry != laws[0]:
-                laws.append(laws[0].dry)
-            for law in laws:
-                other = judged([*accepted[:j], law, *accepted[j + 1 :]])
-                if other[0] < best[0] - 10.0:
+            laws = [law, law.dry] if law.effect.nuisance_shape and law.dry != law else [law]
+            others = [*accepted[:j], *accepted[j + 1 :]]
+            trials = [[*accepted[:j], trial, *accepted[j + 1 :]] for trial in laws]
+            if any(c.place == law.place and "coulomb_friction" in c.effect.confounded for c in others):
+                trials = [[_same_width(c, law) for c in others]]  # it is dry itself
+            for trial in trials:
+                other = judged(trial, 5) if candidate.place.is_pair else judged(trial)
+                if other[0] < best[0] - (0.0 if candidate.place.is_pair else 10.0):
                     best = other
     return (search, bank, accepted) if best is None else (best[1], best[1].renewed(bank), best[2])
+
+
+def _elsewhere(candidate: Candidate, model: CableModel) -> list[Candidate]:
+    """Give what a law may be once an error of the cable map is known: the same at a joint or a motor that turns alike.
+
+    Of two motors' coordinate, at one that it may be; of drag, with the other power of speed too.
+    """
+    known = at_known_place(candidate, model, NEARLY_PARALLEL)
+    if candidate.place.is_pair:
+        return [known] if known is not candidate else []
+    kinds = {place.location["kind"] for place in candidate.effect.places(model)}
+    twins = twin_places(model, candidate.place) if len(candidate.place.index) == 1 else []
+    laws = [replace(candidate, place=twin) for twin in twins if twin.location["kind"] in kinds]
+    others = [CATALOGUE[name] for name in DRAGS if name != candidate.effect.name and candidate.effect.name in DRAGS]
+    return laws + [replace(law, effect=effect) for effect in others for law in (candidate, *laws)]
 
 
 def patch(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candidate] | None:
@@ -639,7 +672,21 @@ def evidence(search: Search, without: Fit, candidate: Candidate, size: float) ->
         own = slice(1, len(candidate.effect.signs))  # without what details the sign of a velocity
         left[own] *= np.minimum(norm[own] / norm[0], 1.0)
     room = float(np.linalg.slogdet(np.eye(len(left)) + max(size, 1.0) * left @ left.T)[1])
-    return 0.5 * search.score(without, candidate).statistic - 0.5 * room - candidate.extra
+    score = freed(search, without, candidate, search.score(without, candidate))
+    return 0.5 * score.statistic - 0.5 * room - candidate.extra
+
+
+def freed(search: Search, fit: Fit, candidate: Candidate, score: Score) -> Score:
+    """Give the score with what the fit gains where it has coefficients that signs hold at zero, as a candidate may not.
+
+    A peak of friction is none as long as the drag beside it is missing.
+    """
+    pairs = zip(fit.effects, fit.beta, strict=True)
+    held = any(s and b == 0.0 for c, own in pairs for s, b in zip(c.signs, own, strict=False))
+    if not held or not np.isfinite(score.statistic):
+        return score
+    both = search.fit([*fit.effects, candidate], fit.whitener)
+    return replace(score, statistic=fit.deviance - both.deviance)
 
 
 def _passes(search: Search, candidate: Candidate, score: Score, weight: float, fit: Fit) -> bool:
@@ -656,7 +703,18 @@ def _passes(search: Search, candidate: Candidate, score: Score, weight: float, f
     if not (fit.effects or search.problem.model.manipulator.effects):
         return True
     own = score.beta @ fit.rest(search.white(fit.whitener, search.columns(candidate)))
-    return robust.statistic > _error_of_laws(search, candidate, own, fit)
+    return robust.statistic > _error_of_laws(search, candidate, own, fit) or _leaves_noise(search, fit, candidate)
+
+
+def _leaves_noise(search: Search, fit: Fit, candidate: Candidate) -> bool:
+    """Whether a law, its shape estimated, leaves of what is far above the noise next to nothing but noise.
+
+    An error of other laws is not all of one simple shape.
+    """
+    excess = fit.deviance - fit.n_rows
+    if not candidate.named or excess < FAR * fit.n_rows:
+        return False
+    return search.refine(fit, candidate, 3)[1].statistic > WHOLE * excess
 
 
 def _worsens(search: Search, fit: Fit, candidate: Candidate, most: float = 10.0) -> bool:
@@ -1096,7 +1154,7 @@ def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> F
     """Set an accepted effect against everything that could stand in its place."""
     candidate = accepted[j]
     without = search.without(search.fit(accepted), j)
-    score = search.score(without, candidate)
+    score = freed(search, without, candidate, search.score(without, candidate))
     own = gain(search, without, candidate, score)
     rivals = []
     for leader, _, _ in _leaders(search, without, bank, 12, accepted, None, [candidate]):
@@ -1105,9 +1163,10 @@ def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> F
         if candidate.detail:
             leader = leader.detailed(search.problem.motions)
         leader = _same_width(leader, candidate)
-        s = search.score(without, leader)
+        s = freed(search, without, leader, search.score(without, leader))
         if gain(search, without, leader, s) > own - max(30.0, 0.1 * abs(own)):
             refined, s = search.refine(without, leader)
+            s = freed(search, without, refined, s)
             if is_plausible(refined, s, without.effects) and not hides_in_masses(search, without, refined):
                 rivals.append((refined, gain(search, without, refined, s) - own))
     rivals.sort(key=lambda item: -item[1])

@@ -318,6 +318,11 @@ class Motion:
         return q if self.shift is None else q + self.shift
 
     @cached_property
+    def joint_speeds(self) -> Vector:
+        """How fast the joints turn by all that is known, shape (n, n_joints) [rad/s]."""
+        return self.v if self.shift is None else self.v + derivatives(self.shift, self.rate)[0]
+
+    @cached_property
     def midway(self) -> Motion:
         """The motion halfway between where the motors say that the joints are and where they are (`shift`)."""
         if self.shift is None:

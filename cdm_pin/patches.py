@@ -58,7 +58,7 @@ def _own_position(motion: Motion, place: Place, scale: float) -> Vector:
 
 
 def _own_speed(motion: Motion, place: Place, scale: float) -> Vector:
-    return np.arcsinh(place.along(motion.v, motion.v_m) / (0.05 * scale))
+    return np.arcsinh(place.along(motion.joint_speeds, motion.v_m) / (0.05 * scale))
 
 
 def _other_position(motion: Motion, place: Place, scale: float) -> Vector:
@@ -109,7 +109,7 @@ def _function(variable: Variable, count: int, times: Callable[[Motion, Place, Sh
 
 
 def _sign(motion: Motion, place: Place, shape: Shape) -> Vector:
-    return np.tanh(place.along(motion.v, motion.v_m) / shape[0])
+    return np.tanh(place.along(motion.joint_speeds, motion.v_m) / shape[0])
 
 
 def _torque(motion: Motion, place: Place, shape: Shape) -> Vector:
@@ -129,7 +129,7 @@ def since_reversal(v: Vector, rate: float, still: float) -> Vector:
 
 
 def _reversal(motion: Motion, place: Place, shape: Shape) -> Columns:
-    v = place.along(motion.v, motion.v_m)
+    v = place.along(motion.joint_speeds, motion.v_m)
     t, s = since_reversal(v, motion.rate, shape[0]), _sign(motion, place, shape)
     series = [s, *(s * np.exp(-t / T) for T in (0.05, 0.15, 0.45, 1.3))]
     return Columns(along=(np.stack(series), place.weights(motion.model)))

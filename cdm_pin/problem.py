@@ -171,10 +171,21 @@ class Problem:
         return any(run.motion.swing is not None for run in self.runs)
 
     @property
-    def hung(self) -> tuple[int, int] | None:
-        """On which cable the links swing, and about how stiff it is (on a scale of thirds); None for rigid ones."""
+    def shifted(self) -> bool:
+        """Whether known errors of the cable map move the joints from where the motors say they are."""
+        return any(run.motion.shift is not None for run in self.runs)
+
+    @property
+    def posture(self) -> tuple[tuple[int, ...], ...]:
+        """About how far soft cables and errors of the cable map move the joints; equal where columns may be kept.
+
+        On which cable the links swing and how stiff it is, on a scale of thirds; the joints' shifts, on one of tenths.
+        """
         swing = self.runs[0].motion.swing
-        return None if swing is None else (swing.cable, round(np.log(swing.stiffness) / np.log(4.0 / 3.0)))
+        hung = () if swing is None else (swing.cable, round(np.log(swing.stiffness) / np.log(4.0 / 3.0)))
+        shifts = [run.motion.shift for run in self.runs if run.motion.shift is not None]
+        size = np.sqrt(np.mean(np.concatenate(shifts) ** 2, axis=0)) if shifts else np.array([])
+        return hung, tuple(np.round(np.log(np.maximum(size, 1e-5)) / np.log(1.1)).astype(int).tolist())
 
     @cached_property
     def states(self) -> list[Vector]:

@@ -94,15 +94,15 @@ class Bank:
         One per run.
     weight : ndarray, shape (n_candidates,)
         Share of the alarm that each candidate may spend; sums to one.
-    hung : tuple of int, optional
-        On which cable the links swung, and about how stiff it was (`Problem.hung`).
+    posture : tuple of tuple of int, optional
+        About how far soft cables and errors of the cable map moved the joints (`Problem.posture`).
     """
 
     candidates: tuple[Candidate, ...]
     slices: tuple[slice, ...]
     lines: list[Lines]
     weight: Vector
-    hung: tuple[int, int] | None = None
+    posture: tuple[tuple[int, ...], ...] = ((), ())
 
     @cached_property
     def laws(self) -> Bank:
@@ -122,7 +122,7 @@ class Bank:
             tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(first)),
             [lines.part(slices) for lines in self.lines] if own else [],
             self.weight[list(own)],
-            self.hung,
+            self.posture,
         )
 
 
@@ -305,7 +305,8 @@ class Search:
             nominal - np.tensordot(change, rigid[: len(change)], 1)
             for nominal, rigid in zip(self.nominal, self.rigid, strict=True)
         ]
-        search._cache = {key: value for key, value in self._cache.items() if not key.hangs_on_torques}
+        if not (problem.shifted or self.problem.shifted):
+            search._cache = {key: value for key, value in self._cache.items() if not key.hangs_on_torques}
         return search
 
     @property
@@ -320,7 +321,7 @@ class Search:
 
     def renewed(self, bank: Bank) -> Bank:
         """Compute those columns of a bank anew that depend on the torques of the body and of other effects."""
-        if self.problem.hung != bank.hung:
+        if self.problem.posture != bank.posture:
             return self.bank(bank.candidates)
         follows = [i for i, c in enumerate(bank.candidates) if c.hangs_on_torques]
         new = self.bank([bank.candidates[i] for i in follows])
@@ -961,7 +962,7 @@ class Search:
         shapes = Counter(c.key for c in candidates)
         weight = np.array([1 / (len(shapes) * shapes[c.key]) for c in candidates])
         slices = tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(first))
-        return Bank(tuple(candidates), slices, runs, weight, self.problem.hung)
+        return Bank(tuple(candidates), slices, runs, weight, self.problem.posture)
 
     def _white_bank(self, body: Body, whitener: Whitener, bank: Bank) -> WhiteBank:
         known = self._banks.get(whitener, bank)

@@ -196,3 +196,12 @@ def test_a_strand_that_always_hangs_is_slack(tmp_path):
     (finding,), (effect,) = diagnose(model, runs, unseen).content["findings"], truth["effects"]
     assert (finding["effect"], finding["location"]) == (effect["effect"], effect["location"])
     assert finding["parameters"]["torque"]["value"] == pytest.approx(effect["parameters"]["torque"], rel=0.05)
+
+
+def test_a_strong_push_beside_friction_by_torque_is_named(tmp_path):
+    """The friction alone may be wrong by as much as the push, but not in the shape of one that leaves only noise."""
+    model, runs, unseen, truth, _ = written_trial(tmp_path, 77307004668733, effects=2, at_least=50.0, bits=17)
+    content = diagnose(model, runs, unseen).content
+    assert content["verdict"] == "missing_physics"
+    found = {(f["effect"], str(f["location"])) for f in content["findings"]}
+    assert found == {(e["effect"], str(e["location"])) for e in truth["effects"]}

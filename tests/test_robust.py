@@ -175,7 +175,8 @@ def test_friction_may_hold_a_push_at_standstill(speed, size, place, held):
     model = load_model("urdf/planar3.yaml")
     time = np.linspace(0.0, 10.0, 1000)
     v = np.where((time > 4) & (time < 6), speed, 1.0)[:, None] * np.ones(3)
-    motion = SimpleNamespace(model=model, index=0, time=time, v=v, v_m=v, velocity_noise=np.full(3, 1e-4), swing=None)
+    speeds = {"v": v, "joint_speeds": v, "v_m": v, "velocity_noise": np.full(3, 1e-4)}
+    motion = SimpleNamespace(model=model, index=0, time=time, swing=None, **speeds)
     search = SimpleNamespace(problem=SimpleNamespace(model=model, motions=[motion]))
     places = joint_places(model)
     fit = SimpleNamespace(
@@ -384,23 +385,46 @@ def test_no_law_takes_the_place_of_two(monkeypatch):
     assert explain._simplest(explanation) is explanation
 
 
-def test_what_failed_only_beside_another_stays(monkeypatch):
-    """Without the first that is withdrawn the unseen recordings are likeliest; the second then helps."""
-    worth = {"wrong": -5.0, "right": -1.0, "sound": 9.0}
-    search = SimpleNamespace(settings=Settings(), without=lambda fit, j: -worth[fit[j]])
-    helps = {"wrong": lambda left: False, "right": lambda left: "wrong" not in left, "sound": lambda left: True}
-    monkeypatch.setattr(diagnosis, "_helps", lambda judge, e, j: helps[e.fit[j]](e.fit))
-    monkeypatch.setattr(diagnosis, "_reconsidered", lambda judge, e: e)
-    monkeypatch.setattr(diagnosis, "patch", lambda search, bank, effects: None)
-    monkeypatch.setattr(diagnosis, "deviance_unseen", lambda judge, fit: -fit)
+class Law(str):
+    """A law that is its own key."""
+
+    key = property(str)
+
+
+@pytest.mark.parametrize("kept_out", [[], [Law("kept out")], [Law("as wrong")]])
+def test_what_failed_only_beside_another_stays(monkeypatch, kept_out):
+    """Without the first that is withdrawn the unseen recordings are likeliest; the second then helps.
+
+    So may a law that the withdrawn one kept out; one that does not help is not asked for again.
+    """
+    worth = {"wrong": -5.0, "right": -1.0, "sound": 9.0, "kept out": 5.0, "as wrong": -5.0}
+    search = SimpleNamespace(settings=Settings(), without=lambda fit, j: -worth[fit[j]], renewed=lambda bank: bank)
+    helps = {"wrong": False, "as wrong": False, "sound": True, "kept out": True}
 
     def explanation(names):
-        found = tuple(SimpleNamespace(candidate=name) for name in names)
+        found = tuple(SimpleNamespace(candidate=Law(name)) for name in names)
         return SimpleNamespace(search=search, found=found, fit=list(names), bank=None)
 
-    monkeypatch.setattr(diagnosis, "_restricted", lambda e, kept: explanation([f.candidate for f in kept]))
-    left = diagnosis._judged(None, explanation(["right", "wrong", "sound"]))
-    assert [f.candidate for f in left.found] == ["right", "sound"]
+    def next_law(search, bank, effects, but):
+        assert "wrong" in but
+        return next((law for law in kept_out if law not in effects and law not in but), None)
+
+    replaced = {
+        "_helps": lambda judge, e, j: helps.get(e.fit[j], "wrong" not in e.fit),
+        "_reconsidered": lambda judge, e: e,
+        "patch": lambda search, bank, effects: None,
+        "deviance_unseen": lambda judge, fit: -fit,
+        "next_law": next_law,
+        "settled": lambda search, effects: (search, effects),
+        "explained": lambda search, bank, effects: explanation(effects),
+        "_judge": lambda seen, e: seen,
+        "_tied": lambda judge, e: judge,
+        "_restricted": lambda e, kept: explanation([f.candidate for f in kept]),
+    }
+    for name, value in replaced.items():
+        monkeypatch.setattr(diagnosis, name, value)
+    left = diagnosis._judged(SimpleNamespace(problem=None), explanation(["right", "wrong", "sound"]))
+    assert [f.candidate for f in left.found] == ["right", "sound", *(law for law in kept_out if helps[law])]
 
 
 @pytest.mark.parametrize("unseen", [10.0, 990.0])

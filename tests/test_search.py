@@ -13,14 +13,14 @@ from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.diagnose import diagnose
 from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.effects import CATALOGUE, Candidate, pair_places
-from cdm_pin.explain import is_resolved, settled
+from cdm_pin.explain import freed, is_resolved, settled
 from cdm_pin.manipulator import parse_manipulator
 from cdm_pin.model import build_model, load_model
 from cdm_pin.next_experiment import plan_next
 from cdm_pin.plant.draw import draw
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording, load_recording
-from cdm_pin.selection import Search, Settings, all_candidates, rms, tones
+from cdm_pin.selection import Score, Search, Settings, all_candidates, rms, tones
 from cdm_pin.signals_filters import differentiate, lowpass
 from cdm_pin.spectra import spectrum, stands_out, whitener_of
 from cdm_pin.whitening import Lines, Whitener
@@ -343,3 +343,35 @@ def test_a_line_of_the_motion_is_no_disturbance(moved):
     found = tones(SimpleNamespace(problem=problem, left_over=lambda effects, smooth: ([rest], None)))
     assert [round(c.shape[0], 2) for c in found] == [0.94] * len(found)
     assert bool(found) != bool(moved)
+
+
+def test_friction_of_a_joint_behind_a_wrong_cable_map_is_estimated_exactly(tmp_path):
+    """Only motors are logged: the joint turns, and reverses, when the map's error and the motors say, not the file."""
+    model, runs, _, truth = loaded_trial(
+        tmp_path, 900002, effects=["transmission_ratio_error", "asymmetric_friction"], positions="motor", duration=40.0
+    )
+    (wrong, rub), names = truth["effects"], ("transmission_ratio_error", "asymmetric_friction")
+    places = [
+        next(p for p in CATALOGUE[name].places(model) if p.location == effect["location"])
+        for name, effect in zip(names, truth["effects"], strict=True)
+    ]
+    problem = make_problem(model, runs)
+    effects = [Candidate(CATALOGUE[names[0]], places[0]), Candidate(CATALOGUE[names[1]], places[1], (0.026,))]
+    search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
+    whitener = search.even(effects)
+    for _ in range(6):
+        fit = search.fit(effects, whitener)
+        search = search.about(fit)
+    (ratio,), (dry, unequal) = fit.beta
+    assert ratio == pytest.approx(wrong["parameters"]["relative_error"], rel=0.03)
+    sizes = rub["parameters"]["coulomb_positive"], rub["parameters"]["coulomb_negative"]
+    assert [dry + unequal, dry - unequal] == pytest.approx(sizes, rel=0.02)
+    assert problem.posture == ((), ()) != search.problem.posture
+
+
+@pytest.mark.parametrize(("peak", "statistic"), [(0.0, 90.0), (0.1, 20.0)])
+def test_a_score_counts_what_a_sign_held_at_zero_gains_once_it_is_free(peak, statistic):
+    law = SimpleNamespace(signs=(1, 1))
+    fit = SimpleNamespace(effects=(law,), beta=(np.array([0.2, peak]),), whitener=None, deviance=100.0)
+    search = SimpleNamespace(fit=lambda effects, whitener: SimpleNamespace(deviance=10.0))
+    assert freed(search, fit, law, Score(20.0, 1, np.array([1.0]), 1.0, 1.0)).statistic == statistic
