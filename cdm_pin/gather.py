@@ -31,8 +31,12 @@ def gather(diagnosis: Diagnosis) -> Evidence:
         rivals=tuple(_rivals(f) for f in named),
         unexplained=_law(search, explanation, patches[0]) if patches else None,
         simulated=tuple(_simulated(replay, joint_units(search.problem.model)) for replay in diagnosis.replays[:1]),
-        notices=tuple(notice for run in search.problem.runs for notice in run.signals.notices),
+        notices=(*_notices(search), *(f"unseen recording: {text}" for text in _notices(diagnosis.holdout))),
     )
+
+
+def _notices(search: Search | None) -> list[str]:
+    return [] if search is None else [text for run in search.problem.runs for text in run.signals.notices]
 
 
 def _simulated(replay: Replay, units: tuple[str, ...], most: int = 5) -> SimulatedMotion:

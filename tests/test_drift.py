@@ -12,6 +12,7 @@ from cdm_pin.diagnose import diagnose
 from cdm_pin.drift import Drift, drift_columns, drifting_channels, slow_shapes, without_drift
 from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.effects import CATALOGUE, Candidate
+from cdm_pin.gather import gather
 from cdm_pin.model import load_model
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording
@@ -168,13 +169,15 @@ def test_encoders_do_not_drift():
 def test_a_push_that_comes_again_in_the_unseen_recording_is_a_push():
     """The unseen recording is judged without it, and says so."""
     runs = [recording(60, push=1.0), recording(62, push=1.0, at=(35.0,))]
-    content = diagnose(load_model(ARM), runs[:1], runs[1:]).content
+    diagnosis = diagnose(load_model(ARM), runs[:1], runs[1:])
+    content = diagnosis.content
     (finding,) = [f for f in content["findings"] if f["effect"] == "external_torque"]
     assert content["verdict"] == "missing_physics" and finding["location"] == {"kind": "joint", "index": 2}
     (notice,) = [text for text in content["data"]["unseen"][0]["notices"] if "pushes on joint 2" in text]
     start, end = (float(x) for x in notice.split(" s ")[0].split(" to "))
     assert 34.0 < start < 35.0 and 39.0 <= end < 40.0
     assert not any("pushes" in text for text in content["data"]["recordings"][0]["notices"])
+    assert f"unseen recording: {notice}" in gather(diagnosis).notices
 
 
 def test_pushes_that_follow_each_other_closely_are_one():
