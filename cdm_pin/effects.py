@@ -435,6 +435,7 @@ def _rub(motion: Motion, place: Place, *series: Vector) -> Columns:
 
 
 def _speed(motion: Motion, place: Place) -> Vector:
+    """Give the speed by all that is known; of smooth laws, what known shifts change is in `Motion.drag_change`."""
     return place.along(motion.joint_speeds, motion.v_m)
 
 
@@ -538,7 +539,7 @@ def remembered(motion: Motion, place: Place) -> Vector:
 
 
 def _viscous(motion: Motion, place: Place, shape: Shape) -> Columns:
-    return _rub(motion, place, _speed(motion, place))
+    return _rub(motion, place, place.along(motion.v, motion.v_m))
 
 
 def _coulomb(motion: Motion, place: Place, shape: Shape) -> Columns:
@@ -556,7 +557,7 @@ def _asymmetric(motion: Motion, place: Place, shape: Shape) -> Columns:
 
 
 def _drag(motion: Motion, place: Place, shape: Shape) -> Columns:
-    v = _speed(motion, place)
+    v = place.along(motion.v, motion.v_m)
     return _rub(motion, place, v * np.abs(v))
 
 
@@ -1199,6 +1200,8 @@ _NM, _RAD = "N m", "rad"
 _FRICTION = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994"
 _MAP = "Yan et al., eqs (6), (16)"
 
+DRAGS = ("viscous_friction", "quadratic_drag")
+"""Powers of speed that pass for each other beside dry friction."""
 CATALOGUE: dict[str, Effect] = {
     effect.name: effect
     for effect in (
@@ -1911,9 +1914,17 @@ def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]], *, swing
     return motion if moved.swing is None else _loaded(moved, effects)
 
 
+def _speed_powers(drag: Candidate, beta: Vector) -> tuple[Vector, float, float]:
+    """Give the coordinate of known drag, and its coefficients of the speed and of that times its magnitude."""
+    linear = drag.effect.name == "viscous_friction"
+    return np.array(drag.place.A), float(beta[0]) * linear, float(beta[0]) * (not linear)
+
+
 def _loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motion:
     springs = tuple((np.array(c.place.A), _powers(beta)) for c, beta in effects if c.effect.name == "joint_spring")
-    motion = replace(motion, offset=None, tilt=None, extra_driven=None, shift=None, map_errors=(), springs=springs)
+    drags = tuple(_speed_powers(c, beta) for c, beta in effects if c.effect.name in DRAGS and any(c.place.A))
+    blank: dict[str, Any] = {"offset": None, "tilt": None, "extra_driven": None, "shift": None, "map_errors": ()}
+    motion = replace(motion, **blank, springs=springs, drags=drags)
     joint, motor = np.zeros_like(motion.q), np.zeros_like(motion.q_m)
     moving = [(c.effect.moves, c, beta) for c, beta in effects if c.effect.moves is not None]
     for moves, candidate, beta in sorted(moving, key=lambda item: item[1].effect.follows):

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .completed import effect_candidates
-from .effects import CATALOGUE, Candidate, at_known_place, extremes, sign_width, twin_places
+from .effects import CATALOGUE, DRAGS, Candidate, at_known_place, extremes, sign_width, twin_places
 from .events import Reporter
 from .everywhere import kinds_first, needed, rubs_everywhere
 from .geometry import Vector
@@ -35,8 +35,6 @@ SHARING = ("asymmetric_friction", "position_dependent_friction", "friction_drift
 """Refinements of dry friction that another law at their place may have the dry part of."""
 REFINING = ("stribeck_friction", *SHARING)
 """Laws whose first column is dry friction, the others what refines it."""
-DRAGS = ("viscous_friction", "quadratic_drag")
-"""Powers of speed that pass for each other beside dry friction."""
 UNLIKELIER = "transmission_ratio_error"
 """Less likely than what is as simple and explains as much: radii of pulleys are known better than gains of torques."""
 WANDERS = "unnamed_time"

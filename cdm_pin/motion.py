@@ -193,6 +193,8 @@ class Motion:
         Known errors of the cable map: cable, joint, and how much more the cable runs per angle of that joint.
     springs : tuple of (ndarray, shape (n_joints,), ndarray, shape (k,))
         Known springs: coordinate, and coefficients of powers of it that make the torque, the lowest first.
+    drags : tuple of (ndarray, shape (n_joints,), float, float)
+        Known drag: coordinate, and coefficients of the speed along it and of that times its magnitude.
     felt : Felt, optional
         What the motors alone tell of where the joints are, where no encoder does.
     swing : Swing, optional
@@ -221,6 +223,7 @@ class Motion:
     shift: Vector | None = None
     map_errors: tuple[tuple[int, int, Vector], ...] = ()
     springs: tuple[tuple[Vector, Vector], ...] = ()
+    drags: tuple[tuple[Vector, float, float], ...] = ()
     felt: Felt | None = None
     swing: Swing | None = None
 
@@ -395,9 +398,9 @@ class Motion:
         return out
 
     def torque_change(self, d: Vector, rates: tuple[Vector, Vector] | None = None) -> Vector:
-        r"""Differentiate the motors' torque, of the rigid body and known springs, along a change of joint positions.
+        r"""Differentiate the motors' torque, of rigid body, known springs and drag, along a change of joint positions.
 
-        :math:`E'((\partial_q \tau + K)\, d + \partial_v \tau\, \dot d + \partial_a \tau\, \ddot d)`.
+        :math:`E'((\partial_q \tau + K)\, d + (\partial_v \tau + D)\, \dot d + \partial_a \tau\, \ddot d)`.
 
         Parameters
         ----------
@@ -412,14 +415,14 @@ class Motion:
             [N m per unit of the effect].
         """
         d1, d2 = rates if rates is not None else derivatives(d, self.rate)
-        springs = self.spring_torque(d)
+        known = self.spring_torque(d) + self.drag_change(d1)
         if 3 * self.model.n_joints * self.n * self.model.n_motors < MUCH:
             change = np.zeros((self.n, self.model.n_motors))
             for slopes, x in zip(self.torque_slopes, (d, d1, d2), strict=True):
                 for slope, column in zip(slopes, x.T, strict=True):
                     change += slope * column[:, None]
-            return change + springs
-        return self.torque_along(d, (d1, d2)) + springs
+            return change + known
+        return self.torque_along(d, (d1, d2)) + known
 
     def spring_torque(self, d: Vector | None = None) -> Vector:
         """Give the motors' torque of known springs, or its derivative along a change `d` of positions (n, n_joints)."""
@@ -427,6 +430,13 @@ class Motion:
         for A, powers in self.springs:
             x = self.q @ A
             out += (polyval(x, powers) if d is None else polyval(x, polyder(powers)) * (d @ A))[:, None] * A
+        return out @ self.model.joint_from_motor
+
+    def drag_change(self, rate: Vector) -> Vector:
+        """Differentiate the motors' torque of known drag along a change of joint speeds (n, n_joints)."""
+        out = np.zeros_like(self.q)
+        for A, linear, quadratic in self.drags:
+            out += ((linear + 2.0 * quadratic * np.abs(self.v @ A)) * (rate @ A))[:, None] * A
         return out @ self.model.joint_from_motor
 
     def torque_along(self, d: Vector, rates: tuple[Vector, Vector]) -> Vector:

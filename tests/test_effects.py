@@ -9,11 +9,12 @@ from scipy.linalg import null_space
 
 from cdm_pin.base import base_parameters
 from cdm_pin.completed import added_torque, effect_candidates, find_place
-from cdm_pin.effects import CATALOGUE, Candidate, creeping, dahl, delayed, loaded, maxwell
+from cdm_pin.effects import CATALOGUE, DRAGS, Candidate, creeping, dahl, delayed, loaded, maxwell
 from cdm_pin.errors import ManipulatorError
 from cdm_pin.manipulator import parse_manipulator, with_effects
 from cdm_pin.model import build_model, load_model
 from cdm_pin.motion import Motion
+from cdm_pin.signals_filters import differentiate
 
 PARAMETERS = {
     "viscous_friction": {"viscous": 0.2},
@@ -469,3 +470,25 @@ def test_a_wrong_map_feels_the_springs():
     more = loaded(motion, [(spring, beta)]).torque_change(d) - motion.torque_change(d)
     np.testing.assert_allclose(more, due, atol=1e-6)
     assert np.ptp(due) > 0.01
+
+
+@pytest.mark.parametrize("name", DRAGS)
+def test_behind_a_wrong_map_drag_is_that_of_the_true_speed(name):
+    """The column of the map's error has the rest of it: together they are the law at the speed that the joint has."""
+    model = build_model(parse_manipulator(planar_content(2, 3)))
+    motion = make_motion(model, joints_measured=False, motors_measured=True)
+    place = next(p for p in CATALOGUE[name].places(model) if p.location == {"kind": "joint", "index": 2})
+    drag, b = Candidate(CATALOGUE[name], place), np.array([0.8])
+    wrong = CATALOGUE["transmission_ratio_error"]
+    ratio = Candidate(wrong, next(p for p in wrong.places(model) if p.index == (1, 0)))
+    r = np.array([0.04])
+    with_it, without = (loaded(motion, [(ratio, r), *own]) for own in ([(drag, b)], []))
+    extra = replace(with_it, drags=())
+    change = ((ratio.raw_columns(with_it).torque - ratio.raw_columns(extra).torque) @ r).reshape(motion.n, -1)
+    series, weights = drag.raw_columns(with_it).along
+    total = (b @ series)[:, None] * weights + change
+    v = motion.v[:, 1] + differentiate(without.shift[:, 1], motion.rate)
+    law = v if name == "viscous_friction" else v * np.abs(v)
+    steady = (np.sign(v) == np.sign(motion.v[:, 1])) & (np.abs(v) > 0.1)
+    np.testing.assert_allclose(total[steady], (b[0] * law)[steady, None] * weights, atol=1e-3)
+    assert np.abs(change[steady]).max() > 0.01
