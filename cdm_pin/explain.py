@@ -766,7 +766,7 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
     share counts which the fit leaves over; it has to exceed what steps of encoders can bring, and where they are too
     coarse what the sensors bring by themselves. A push has to last for as long as the band can tell from an outlier,
     to exceed half a step of the torque, and where nothing moves to exceed what dry friction holds. A cable gives as a
-    spring first, then as a damper.
+    spring first, then as a damper. What a zero is off by has to be more than it drifts by.
     """
     problem, push = search.problem, candidate.effect.name == "external_torque"
     if push and candidate.shape[1] - candidate.shape[0] < 1.5 / problem.band.cutoff:
@@ -784,6 +784,8 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
         return False
     if candidate.effect.name in COMPLIANT and _is_damper(search, candidate, beta):
         return False
+    if candidate.effect.name == "torque_offset" and np.all(peak <= _drifted(search, fit)):
+        return False
     own, visible = rms(search, torque), 1.0
     if own[m:].any():
         return True
@@ -796,6 +798,18 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
         if is_coarse(problem):
             least = np.maximum(least, UNSURE * problem.sensed[:m])
     return bool(np.any(visible * own[:m] > least))
+
+
+def _drifted(search: Search, fit: Fit) -> Vector:
+    """Say by how much the torques' zeros drift in a fit, rms, shape (n_motors,) [N m].
+
+    Where most were seen to, the others' drift no less than the least of them: their sensors are of a kind.
+    """
+    first = search.n_bodies
+    drifts = [np.tensordot(fit.base[first:], rigid[first:], 1) for rigid in search.rigid]
+    size = rms(search, drifts)[: search.problem.model.n_motors]
+    seen = size[size > 0.0]
+    return np.maximum(size, seen.min()) if 2 * len(seen) > len(size) else size
 
 
 def _is_damper(search: Search, cable: Candidate, beta: Vector) -> bool:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from cdm_pin.diagnose import diagnose
 from cdm_pin.drift import Drift, drift_columns, drifting_channels, slow_shapes, without_drift
 from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.effects import CATALOGUE, Candidate
+from cdm_pin.explain import _drifted
 from cdm_pin.gather import gather
 from cdm_pin.model import load_model
 from cdm_pin.problem import make_problem
@@ -192,3 +194,15 @@ def test_pushes_that_follow_each_other_closely_are_one():
     assert not push.clashes(replace(push, place=other))
     dry = Candidate(CATALOGUE["coulomb_friction"], first, (0.01,))
     assert dry.clashes(replace(dry, shape=(0.1,)))
+
+
+@pytest.mark.parametrize(("moved", "due"), [((0, 1), [0.3, 0.2, 0.2]), ((1,), [0.0, 0.2, 0.0])])
+def test_zeros_of_a_kind_drift_alike(moved, due):
+    """A zero that was not seen to drift may, by the least of the others, if most of these did."""
+    waves = np.zeros((3, 3, 100))
+    for channel in moved:
+        waves[channel, channel] = np.tile([1.0, -1.0], 50)
+    rigid = [np.concatenate([np.ones((1, 3, 100)), waves])]
+    problem = SimpleNamespace(segments=[[(0, 100)]], model=SimpleNamespace(n_motors=3))
+    search = SimpleNamespace(n_bodies=1, rigid=rigid, problem=problem)
+    assert _drifted(search, SimpleNamespace(base=np.array([5.0, 0.3, 0.2, 0.1]))) == pytest.approx(due)
