@@ -165,8 +165,10 @@ def diagnose(
         judge, explanation = _validated(seen, first)
     named = [f.candidate.key for f in first.found if f.candidate.named]
     if named and not explanation.found:  # another explanation may have been second to those that were withdrawn
-        there, again = _validated(seen, explain(first.search.stiff, progress, frozenset(named)))
-        if again.found and not {f.candidate.effect.name for f in again.found} & {name for name, _ in named}:
+        second = explain(first.search.stiff, progress, frozenset(named))
+        there, again = _validated(seen, second)
+        nearly = _likely(second) > _likely(first) - settings.close
+        if nearly and again.found and not {f.candidate.effect.name for f in again.found} & {name for name, _ in named}:
             judge, explanation = there, again
     explanation = _sized(explanation if explanation.everywhere else still_standing(explanation))
     lost = [f for f in first.found if f.candidate not in explanation.fit.effects and is_loud(f.score)]
@@ -194,7 +196,7 @@ def _beside_drifts(search: Search, progress: ProgressCallback | None) -> Explana
             there = explain(other, progress)
             if not there.search.is_swamped(there.fit):
                 ways.append(there)
-    return max(ways, key=lambda e: _likelihood(e.search, [f.candidate for f in e.found]))
+    return max(ways, key=_likely)
 
 
 def _drifting(search: Search) -> Search:
@@ -239,13 +241,13 @@ def _swinging(
     if soft is None:
         return first
     there, effects = soft
-    own = _likelihood(first.search, found)
+    own = _likely(first)
     if _likelihood(there, effects) < own:
         return first
     again = explain(there.with_drift(effects), progress, start=effects)
     if not any(f.candidate.is_swinging(again.search.problem.motions[0]) for f in again.found):
         return first
-    if _likelihood(again.search, [f.candidate for f in again.found]) < own:
+    if _likely(again) < own:
         return first
     if seen is not None:
         judges = [_judge(seen, e) for e in (first, again)]
@@ -256,6 +258,11 @@ def _swinging(
         if np.mean((rests[1] / np.maximum(rests[0], 1e-12)) ** 2) > 1.0:
             return first
     return again
+
+
+def _likely(explanation: Explanation) -> float:
+    """Give the log-likelihood of an explanation."""
+    return _likelihood(explanation.search, [f.candidate for f in explanation.found])
 
 
 def _likelihood(search: Search, effects: Sequence[Candidate]) -> float:
@@ -341,7 +348,8 @@ def _judged(judge: Search, explanation: Explanation) -> Explanation:
 
     One at a time, first that without which they are likeliest: the others may have failed, or helped, only beside it.
     """
-    withdrawn, patched = set(), False
+    withdrawn: list[Candidate] = []
+    patched = False
     for _ in range(2 * explanation.search.settings.most):
         before, explanation = explanation, _reconsidered(judge, explanation)
         if explanation is not before:
@@ -353,7 +361,7 @@ def _judged(judge: Search, explanation: Explanation) -> Explanation:
         failing = [j for j in range(len(explanation.found)) if not _helps(judge, explanation, j)]
         if failing:
             worst = min(failing, key=lambda j: deviance_unseen(judge, search.without(explanation.fit, j)))
-            withdrawn.add(explanation.found[worst].candidate.key)
+            withdrawn.append(explanation.found[worst].candidate)
             explanation = _restricted(explanation, [f for j, f in enumerate(explanation.found) if j != worst])
             continue
         left = [f.candidate for f in explanation.found]
@@ -362,7 +370,7 @@ def _judged(judge: Search, explanation: Explanation) -> Explanation:
         law = next_law(search, explanation.bank, left, withdrawn)
         if law is not None:  # kept out by what was withdrawn
             search, more = settled(search, [*left, law])
-            withdrawn.add(law.key)
+            withdrawn.append(law)
         elif (more := patch(search, explanation.bank, left)) is None:
             break
         explanation, patched = explained(search, search.renewed(explanation.bank), more), law is None

@@ -144,6 +144,11 @@ class Effect:
         Shape -> whether the signs hold; by default always.
     plausible : callable
         Coefficients, shape, scale of the detail -> whether they are such as the law may have.
+    brakes : int
+        How many leading coefficients make friction that brakes both ways and everywhere: the first is no less than the
+        norm of the others, as what drives is none. Zero for other laws.
+    least : callable, optional
+        Motions, place, shape -> weights of the coefficients with which their sum is not negative, as far as is sure.
     leaves_open : callable, optional
         Motion, place, shape, coefficients -> what else it may bring, from torques of which its law may or may not
         speak.
@@ -176,6 +181,8 @@ class Effect:
     error: float = 0.01
     signed: Callable[[Shape], bool] = lambda shape: True
     plausible: Callable[[Vector, Shape, float], bool] = lambda beta, shape, detail: True
+    brakes: int = 0
+    least: Callable[[Sequence[Motion], Place, Shape], Vector] | None = None
     leaves_open: Callable[[Motion, Place, Shape, Vector], Columns] | None = None
     reveals: Callable[[Motion, Vector, Vector], Columns] | None = None
     detail: Callable[[Motion, Place, Shape, float], list[Vector]] | None = None
@@ -509,9 +516,9 @@ def _peaks(beta: Vector, shape: Shape, detail: float) -> bool:
     return bool(least > -UNDONE and peak > 1.0 + RISEN and beta[1] <= PEAK * beta[0])
 
 
-def _brakes(n: int) -> Callable[[Vector, Shape, float], bool]:
-    """Give whether friction of n coefficients brakes both ways and everywhere: what drives is none."""
-    return lambda beta, shape, detail: float(np.linalg.norm(beta[1:n])) <= beta[0]
+def _starts(beta: Vector, shape: Shape, detail: float) -> bool:
+    """Whether friction that drifts brakes from the start on."""
+    return bool(beta[0] + beta[1] >= 0.0)
 
 
 STOPS = (0.3, 0.8, 2.0, 5.0)
@@ -719,6 +726,13 @@ def _spring(motion: Motion, place: Place, shape: Shape) -> Columns:
     if not shape[0]:
         return _rub(motion, place, q, -np.ones_like(q))
     return _rub(motion, place, q, -np.ones_like(q), q**2, q**3)
+
+
+def _mean_stiffness(motions: Sequence[Motion], place: Place, shape: Shape) -> Vector:
+    """Give what each coefficient of a spring adds to its stiffness from one end of the motion to the other."""
+    low, high = np.percentile(np.concatenate([_position(m, place) for m in motions]), [2.5, 97.5])
+    powers = (1, 0, 2, 3) if shape[0] else (1, 0)
+    return np.array([(high**p - low**p) / max(high - low, 1e-9) for p in powers])
 
 
 def _powers(beta: Vector) -> Vector:
@@ -1200,6 +1214,8 @@ _NM, _RAD = "N m", "rad"
 _FRICTION = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994"
 _MAP = "Yan et al., eqs (6), (16)"
 
+SHARING = ("asymmetric_friction", "position_dependent_friction", "friction_drift")
+"""Refinements of dry friction that another law at their place may have the dry part of."""
 DRAGS = ("viscous_friction", "quadratic_drag")
 """Powers of speed that pass for each other beside dry friction."""
 CATALOGUE: dict[str, Effect] = {
@@ -1267,7 +1283,7 @@ CATALOGUE: dict[str, Effect] = {
             revealed_by="nothing beside symmetric friction and a constant torque on that joint, which it equals",
             reference=_FRICTION,
             nuisance_shape=1,
-            plausible=_brakes(2),
+            brakes=2,
             detail=_transition,
         ),
         Effect(
@@ -1333,7 +1349,7 @@ CATALOGUE: dict[str, Effect] = {
             inverse=_position_inverse,
             reference=_FRICTION,
             nuisance_shape=1,
-            plausible=_brakes(3),
+            brakes=3,
             detail=_transition,
         ),
         Effect(
@@ -1398,13 +1414,14 @@ CATALOGUE: dict[str, Effect] = {
             _drift,
             _drift_physical,
             _grid(_one_width, lambda m, p: np.array([0.05, 0.15, 0.4, 1.0]) * m[0].time[-1]),
-            _bounds(lambda m, p: (0.02 * m[0].time[-1], 3.0 * m[0].time[-1])),
+            _bounds(lambda m, p: (0.05 * m[0].time[-1], 3.0 * m[0].time[-1])),
             (1, 0),
             confounded=("coulomb_friction",),
             revealed_by="a cold start, repeated warm",
             inverse=lambda p: ([p["friction"], p["friction"] * p["extra"]], [p["time_constant"]]),
             reference=_FRICTION,
             nuisance_shape=1,
+            plausible=_starts,
             detail=_transition,
         ),
         Effect(
@@ -1416,6 +1433,7 @@ CATALOGUE: dict[str, Effect] = {
             lambda m, p: [(0.0,), (1.0,)],
             signs=(1, 0),
             signed=lambda shape: not shape[0],  # that of a polynomial hangs on where zero is
+            least=_mean_stiffness,
             error=0.001,  # a polynomial of a measured angle
             confounded=("base_tilt", "encoder_offset"),
             revealed_by="slow strokes both ways over the whole range",
@@ -1798,6 +1816,24 @@ class Candidate:
     def signs(self) -> tuple[int, ...]:
         """Signs that its coefficients must have, 0 where any will do."""
         return self.effect.signs if self.effect.signed(self.shape) else (0,) * len(self.effect.signs)
+
+    def meets(self, other: Candidate) -> bool:
+        """Whether it and another act along coordinates that share a joint or a motor."""
+        x, y = (np.abs(np.array(c.place.A + c.place.B)) for c in (self, other))
+        return bool(len(x) and len(y) and x @ y > 1e-9)
+
+    def is_plausible(self, beta: Vector, beside: Sequence[Candidate] = ()) -> bool:
+        """Whether coefficients are such as its law may have; dry friction `beside` it, at its place, has its own share.
+
+        Not so a peak: without friction of its own, the sign of the other would only pass through zero in another way.
+        """
+        shared = self.effect.name in SHARING and any(c.has_doubts and self.meets(c) for c in beside)
+        brakes = float(np.linalg.norm(beta[1 : self.effect.brakes])) <= beta[0] if self.effect.brakes else True
+        return shared or (brakes and self.effect.plausible(beta, self.shape, self.detail))
+
+    def least(self, motions: Sequence[Motion]) -> Vector | None:
+        """Give weights with which the sum of its coefficients is not negative (`Effect.least`), None without any."""
+        return self.effect.least(motions, self._here[0], self.shape) if self.effect.least is not None else None
 
     @property
     def leads(self) -> bool:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .completed import effect_candidates
-from .effects import CATALOGUE, DRAGS, Candidate, at_known_place, extremes, sign_width, twin_places
+from .effects import CATALOGUE, DRAGS, SHARING, Candidate, at_known_place, extremes, sign_width, twin_places
 from .events import Reporter
 from .everywhere import kinds_first, needed, rubs_everywhere
 from .geometry import Vector
@@ -31,8 +31,6 @@ from .selection import (
 )
 from .whitening import Whitener
 
-SHARING = ("asymmetric_friction", "position_dependent_friction", "friction_drift")
-"""Refinements of dry friction that another law at their place may have the dry part of."""
 REFINING = ("stribeck_friction", *SHARING)
 """Laws whose first column is dry friction, the others what refines it."""
 UNLIKELIER = "transmission_ratio_error"
@@ -238,7 +236,7 @@ def _renamed(explanation: Explanation) -> Explanation:
             search, laws = settled(explanation.search, [*accepted[:j], law, *accepted[j + 1 :]], rounds=4)
             bank, without = search.renewed(explanation.bank), search.without(search.fit(laws), j)
             score = search.score(without, laws[j])
-            stands = is_plausible(laws[j], score, without.effects) and _stands(search, laws[j], score, without)
+            stands = laws[j].is_plausible(score.beta, without.effects) and _stands(search, laws[j], score, without)
             if stands and unnamed(search, bank, laws) is None:
                 return _renamed(explained(search, bank, laws))
     return explanation
@@ -336,9 +334,10 @@ def _simplest_at(explanation: Explanation, j: int, taken: Sequence[tuple[str, st
     search, found, lead = explanation.search, explanation.found[j], 0.0
     best = _plainest(explanation, j)
     rivals = [(c, d) for c, d in found.rivals if c.key not in taken and c.named == best.named]
-    here = {c.key for c, _ in rivals if c.place.location == best.place.location}
     without = search.without(explanation.fit, j)
-    if best.named and not is_plausible(best, search.score(without, best), without.effects):
+    rivals = [(c, d) for c, d in rivals if c.is_plausible(search.score(without, c).beta, without.effects)]
+    here = {c.key for c, _ in rivals if c.place.location == best.place.location}
+    if best.named and not best.is_plausible(search.score(without, best).beta, without.effects):
         least = -ABOUT * found.gain
         best, lead = next(((c, d) for c, d in rivals if c.key in here and d > least), (best, lead))
     statistic, close = found.score.statistic, search.settings.close
@@ -399,7 +398,7 @@ def _peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
         without, grid = search.without(explanation.fit, j), law.grid(search.problem.motions, candidate.place)
         trials = [Candidate(law, candidate.place, (candidate.shape[0], *shape[1:])) for shape in grid]
         refined = [search.refine(without, trial, 3) for trial in trials]
-        peaks = [(gain(search, without, *t), i) for i, t in enumerate(refined) if is_plausible(*t)]
+        peaks = [(gain(search, without, *t), i) for i, t in enumerate(refined) if t[0].is_plausible(t[1].beta)]
         if not peaks:
             continue
         (worth, i), statistic = max(peaks), found.score.statistic
@@ -473,13 +472,22 @@ def unnamed(search: Search, bank: Bank, accepted: list[Candidate]) -> Candidate 
 
 
 def next_law(
-    search: Search, bank: Bank, accepted: list[Candidate], but: Container[tuple[str, str]]
+    search: Search, bank: Bank, accepted: list[Candidate], withdrawn: Sequence[Candidate]
 ) -> Candidate | None:
-    """Give the law that the data ask for most beside some effects, with all that is left as noise; None for none."""
-    fit = search.fit(accepted)
+    """Give the law that the data ask for most beside some effects, with all that is left as noise; None for none.
+
+    It has to explain as much as anything else that was withdrawn: else it only stands for that, and less well.
+    """
+    fit, own = search.fit(accepted), {c.key for c in accepted}
+    gone = [gain(search, fit, c, search.score(fit, c)) for c in withdrawn if c.key not in own]
+    least = max((worth - max(search.settings.close, ABOUT * worth) for worth in gone), default=-np.inf)
+    but = {c.key for c in withdrawn}
     for candidate, score, weight in _leaders(search, fit, bank, 6, accepted):
-        if candidate.key not in but and _passes(search, candidate, score, weight, fit):
-            return search.refine(fit, candidate)[0]
+        if candidate.key in but or not _passes(search, candidate, score, weight, fit):
+            continue
+        candidate, score = search.refine(fit, candidate)
+        if gain(search, fit, candidate, score) > least:
+            return candidate
     return None
 
 
@@ -590,15 +598,15 @@ def patch(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candida
     clear = search.fit(accepted, search.clear(accepted))
     added = unnamed(search, bank, accepted)
     if added is not None:
-        rest = [c for c in accepted if not _meets(c, added)]
+        rest = [c for c in accepted if not c.meets(added)]
         kept = _worth(search, clear, accepted, rest, added)
         return [*(accepted if kept else rest), added]
     for place in {(c.place.A, c.place.B): c for c in accepted if c.named and c.place.A}.values():
-        rest = [c for c in accepted if not _meets(c, place)]
+        rest = [c for c in accepted if not c.meets(place)]
         without = search.fit(rest, clear.whitener)
         taken = len(accepted) - len(rest)
         statistic = without.deviance - clear.deviance
-        k = search.size(*(c for c in accepted if _meets(c, place)))
+        k = search.size(*(c for c in accepted if c.meets(place)))
         old = 0.5 * statistic - 0.5 * np.log(clear.n_rows) * k
         for candidate, score, weight in _leaders(search, without, bank, 2, rest, named=False):
             margin = 0.5 * s.patch_law_error**2 * statistic * (1 if taken < 3 else -1)
@@ -630,16 +638,10 @@ def _nearly(worth: float) -> float:
     return max(20.0, 0.03 * worth)
 
 
-def _meets(a: Candidate, b: Candidate) -> bool:
-    """Whether two candidates act along coordinates that share a joint or a motor."""
-    x, y = (np.abs(np.array(c.place.A + c.place.B)) for c in (a, b))
-    return bool(len(x) and len(y) and x @ y > 1e-9)
-
-
 def _shares_motor(a: Candidate, patch: Candidate, model: CableModel) -> bool:
     """Whether an effect acts along the coordinate of a correction without a name, or on its motor's cable."""
     on_cable = not a.place.A and np.abs(patch.place.weights(model)[list(a.place.index[:1])]) > 1e-9
-    return _meets(a, patch) or bool(np.any(on_cable))
+    return a.meets(patch) or bool(np.any(on_cable))
 
 
 def _worth(search: Search, clear: Fit, accepted: list[Candidate], rest: list[Candidate], patch: Candidate) -> bool:
@@ -670,8 +672,25 @@ def evidence(search: Search, without: Fit, candidate: Candidate, size: float) ->
         own = slice(1, len(candidate.effect.signs))  # without what details the sign of a velocity
         left[own] *= np.minimum(norm[own] / norm[0], 1.0)
     room = float(np.linalg.slogdet(np.eye(len(left)) + max(size, 1.0) * left @ left.T)[1])
-    score = freed(search, without, candidate, search.score(without, candidate))
+    score = confined(without, candidate, columns, freed(search, without, candidate, search.score(without, candidate)))
     return 0.5 * score.statistic - 0.5 * room - candidate.extra
+
+
+def confined(fit: Fit, candidate: Candidate, columns: Vector, score: Score) -> Score:
+    """Give the score, beside a fit, of friction that brakes everywhere (`Effect.brakes`), near the best that does.
+
+    What drives zeros away leaves the constant of asymmetric friction free to be anything; so it may be none.
+    """
+    n = candidate.effect.brakes
+    if not n or not np.isfinite(score.statistic) or candidate.is_plausible(score.beta, fit.effects):
+        return score
+    rest = fit.rest(columns)
+    gram, c = rest @ rest.T, rest @ fit.residual
+    for weight in np.geomspace(1e-6, 1e3, 28) * max(gram[0, 0], 1e-300):
+        beta = np.linalg.lstsq(gram + weight * np.diag([0.0 < i < n for i in range(len(c))]), c, rcond=1e-12)[0]
+        if candidate.is_plausible(beta, fit.effects):
+            return replace(score, statistic=float(2.0 * beta @ c - beta @ gram @ beta), beta=beta)
+    return replace(score, statistic=-np.inf)
 
 
 def freed(search: Search, fit: Fit, candidate: Candidate, score: Score) -> Score:
@@ -953,8 +972,8 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
         fine = c.effect.reach < 0.1  # its grid is coarse beside its peak
         if (n < 4 and value > best - max(40.0, 0.15 * abs(best))) or (fine and value > 0.3 * best):
             pool.append(search.refine(fit, c) if c.shape else (c, s))
-    pool = [(c, s) for c, s in pool if gain(search, fit, c, s) > 0 and is_plausible(c, s, fit.effects)]
-    pool = [(c, s) for c, s in pool if not hides_in_masses(search, fit, c)]
+    pool = [(c, s) for c, s in pool if gain(search, fit, c, s) > 0 and c.is_plausible(s.beta, fit.effects)]
+    pool = [(c, s) for c, s in pool if not (drives(search, fit, c) or hides_in_masses(search, fit, c))]
     if not pool:
         return None
     top = max(pool, key=lambda item: gain(search, fit, *item))
@@ -972,13 +991,15 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
     return known, search.score(fit, known)
 
 
-def is_plausible(candidate: Candidate, score: Score, beside: Sequence[Candidate] = ()) -> bool:
-    """Whether coefficients are such as a law may have; dry friction `beside` it, at its place, has its own share.
-
-    Not so a peak: without friction of its own, the sign of the other would only pass through zero in another way.
-    """
-    shared = candidate.effect.name in SHARING and any(c.has_doubts and _meets(candidate, c) for c in beside)
-    return shared or candidate.effect.plausible(score.beta, candidate.shape, candidate.detail)
+def drives(search: Search, fit: Fit, candidate: Candidate) -> bool:
+    """Whether an effect beside a fit does what it cannot, such as a spring that pushes on, by three standard errors."""
+    weights = candidate.least(search.problem.motions)
+    if weights is None:
+        return False
+    both = search.fit([*fit.effects, candidate], fit.whitener)
+    k = len(weights)
+    spread = both.covariance[-len(both.beta[-1]) :, -len(both.beta[-1]) :][:k, :k]
+    return bool(weights @ both.beta[-1][:k] < -3.0 * np.sqrt(max(weights @ spread @ weights, 0.0)))
 
 
 def hides_in_masses(search: Search, fit: Fit, candidate: Candidate, most: float = 2.0) -> bool:
@@ -1179,7 +1200,9 @@ def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> F
         if gain(search, without, leader, s) > own - max(30.0, 0.1 * abs(own)):
             refined, s = search.refine(without, leader)
             s = freed(search, without, refined, s)
-            if is_plausible(refined, s, without.effects) and not hides_in_masses(search, without, refined):
+            absurd = drives(search, without, refined) or hides_in_masses(search, without, refined)
+            s = confined(without, refined, search.white(without.whitener, search.columns(refined)), s)
+            if refined.is_plausible(s.beta, without.effects) and not absurd:
                 rivals.append((refined, gain(search, without, refined, s) - own))
     rivals.sort(key=lambda item: -item[1])
     return Found(candidate, score, own, family_wise(score, candidate, 0.01), tuple(rivals))

@@ -236,13 +236,19 @@ class Problem:
         return [tip_load(self.model, run.payload) for run in self.runs]
 
     def steps_at(self, joint: int) -> float:
-        """Sum of the steps [rad] of the encoders that say where a joint is, of the coarsest recording."""
-        to_joints, steps = np.abs(self.model.joint_from_motor), []
+        """Sum of the steps [rad] of the encoders that say where a joint is, of the coarsest recording.
+
+        Where no steps were seen, those that would make the noise of a position. It says little where they were: what
+        jitter of the clock makes of it all encoders have in common.
+        """
+        to_joints, largest = np.abs(self.model.joint_from_motor), []
         shares = {"joint_position": np.eye(len(to_joints)), "motor_position": to_joints}
         for run in self.runs:
-            noise = [share @ run.signals.noise[side] for side, share in shares.items() if side in run.signals.noise]
-            steps.append(float(np.sqrt(12.0) * np.sum(noise, axis=0)[joint]))
-        return max(steps)
+            own = {side: np.sqrt(12.0) * noise for side, noise in run.signals.noise.items()}
+            steps = {side: np.where(x > 0.0, x, own.get(side, 0.0)) for side, x in run.signals.steps.items()}
+            steps = own | steps
+            largest.append(float(np.sum([w @ steps[side] for side, w in shares.items() if side in own], axis=0)[joint]))
+        return max(largest)
 
     def reduce(self, columns: Callable[[Motion], Columns]) -> list[Lines]:
         """Compute columns on every run and bring them into the band."""

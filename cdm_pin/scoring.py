@@ -35,6 +35,7 @@ Meeting = Literal["exact", "class", "rigid_body", "missed"]
 _SLIDING = ("viscous_friction", "coulomb_friction", "stribeck_friction", "asymmetric_friction", "hysteresis",
             "friction_drift", "position_dependent_friction", "torque_dependent_friction")  # fmt: skip
 _AS_COULOMB = ("cable_friction", "capstan_friction")  # one pretension: the same step at reversals
+_REFINED = ("stribeck_friction", "asymmetric_friction", "position_dependent_friction", "friction_drift")
 _MOST_RIVALS, _ALIKE = 3, 0.95
 
 
@@ -152,6 +153,10 @@ def score(
         if hidden and meeting == "missed" and _listed_in_rigid_body(effect, diagnosis, n, positions):
             meeting = "rigid_body"
         meetings.append(meeting)
+    refined = [findings[k] | {"effect": "coulomb_friction"} for k in used if findings[k]["effect"] in _REFINED]
+    for k, effect in enumerate(named):  # dry friction is the first part of a refined law where that sits
+        if meetings[k] == "missed" and any(same(effect, law, n, positions) for law in refined):
+            meetings[k] = "class"
     coupled = [e for e in [*named, *(findings[k] for k in used)] if e["effect"] == "transmission_coupling"]
     motors = {e["location"].get("index") for e in coupled}
     false = [

@@ -1013,7 +1013,7 @@ class Search:
         return scored(gram, rest @ fit.residual, np.einsum("ij,ij->i", W, W), np.diag(gram), candidate.signs)
 
     def refine(self, fit: Fit, candidate: Candidate, rounds: int = 2) -> tuple[Candidate, Score]:
-        """Estimate the shape of a candidate: one nonlinear parameter after the other, to the best score.
+        """Estimate the shape of a candidate: one nonlinear parameter after the other, to the best plausible score.
 
         Where the shape is the coefficient, as of a delay, it is made to be: a small share of a long delay would be a
         low-pass, which noisy accelerations ask for.
@@ -1033,7 +1033,14 @@ class Search:
 
     def _refine_one(self, fit: Fit, start: Candidate, score: Score, i: int, bounds: tuple[float, float]):
         logarithmic = bounds[0] > 0
-        found = [(score.statistic, start, score)]
+        found: list[tuple[bool, float, Candidate, Score]] = []
+
+        def keep(trial: Candidate, s: Score) -> bool:
+            plausible = trial.is_plausible(s.beta, fit.effects)
+            found.append((plausible, s.statistic, trial, s))
+            return plausible and bool(np.isfinite(s.statistic))
+
+        keep(start, score)
 
         def loss(x: float) -> float:
             value = float(np.exp(x)) if logarithmic else float(x)
@@ -1041,8 +1048,7 @@ class Search:
             trial = replace(start, shape=shape)
             s = self.score(fit, trial)
             self._cache.pop(trial.identity, None)
-            found.append((s.statistic, trial, s))
-            return -s.statistic if np.isfinite(s.statistic) else 0.0
+            return -s.statistic if keep(trial, s) else 0.0
 
         low, high = (np.log(bounds[0]), np.log(bounds[1])) if logarithmic else bounds
         here = min(max(np.log(start.shape[i]) if logarithmic else start.shape[i], low), high)
@@ -1054,8 +1060,7 @@ class Search:
                 method="bounded",
                 options={"maxiter": 9, "xatol": 3e-3 * reach},
             )
-        best = max(found, key=lambda item: item[0])
-        return best[1], best[2]
+        return max(found, key=lambda item: item[:2])[2:]
 
 
 def errors(search: Search, base: Vector, effects: Sequence[Candidate], beta: Sequence[Vector]) -> list[Vector]:

@@ -167,6 +167,14 @@ def test_asymmetry_may_be_split():
     assert score(truth(dry, constant), diagnosis(asymmetric)).all_right
 
 
+def test_a_refined_law_has_the_dry_friction_of_its_place():
+    """Dry friction beside Stribeck's on the same axis is one law with more of it; alone, a peak is none of it."""
+    dry, peak = ("coulomb_friction", place("motor", 1)), ("stribeck_friction", place("joint", 1))
+    assert score(truth(dry, peak), diagnosis(peak)).meetings == ("class", "exact")
+    assert not score(truth(dry), diagnosis(peak)).all_right
+    assert not score(truth(("coulomb_friction", place("motor", 2)), peak), diagnosis(peak)).all_right
+
+
 def test_rigid_body_effects_stand_under_rigid_body():
     """A rotor, a payload, the last encoder's offset are met under rigid_body and leave the verdict consistent."""
     rotor = ("rotor_inertia", place("motor", 2))
