@@ -26,8 +26,8 @@ SLIP = 0.03
 def rubs_everywhere(search: Search, bank: Bank, found: Sequence[Candidate], least: int = 3) -> bool:
     """Whether friction is missing at most axes, beside what was found first and given that at all the others.
 
-    No place alone may be the whole story, nor any correction without a name: then an effect that acts on several motors
-    may look like friction everywhere.
+    No place alone may be the whole story, nor any correction without a name, nor one more law beside what was found: an
+    effect that acts on several motors, such as a delay, may look like friction everywhere.
     """
     axes = axis_places(search.problem.model)
     if not search.problem.torque or len(axes) < least:
@@ -49,7 +49,8 @@ def rubs_everywhere(search: Search, bank: Bank, found: Sequence[Candidate], leas
         return False
     rigid = search.fit([], clear)
     patch = max(score.statistic for score in search.score_all(rigid, bank.corrections))
-    return bool(rigid.deviance - patch > whole)
+    law = max(score.statistic for score in search.score_all(alone, bank.laws))
+    return bool(rigid.deviance - patch > whole and alone.deviance - law > whole)
 
 
 def _rubs(candidate: Candidate) -> bool:
