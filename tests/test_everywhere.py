@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -86,6 +87,23 @@ def test_friction_everywhere_is_seen_and_sized(model):
 def test_friction_at_one_axis_is_not_everywhere(model):
     search = search_of(model, run(model, 2, ((0.3, 0.2, 0.1), (0, 0, 0), (0, 0, 0))), make_band(RATE, 8.0))
     assert not rubs_everywhere(search, search.bank(all_candidates(search.problem)), [])
+
+
+@pytest.mark.parametrize(("law", "everywhere"), [(100.0, True), (2900.0, True), (3100.0, False)])
+def test_one_law_that_explains_as_much_is_not_friction_everywhere(monkeypatch, law, everywhere):
+    """Friction at three axes explains 3000 in all; a delay that explains as much beside what was found is likelier."""
+    axes = [SimpleNamespace(location={"kind": "motor", "index": k}) for k in range(3)]
+    rubs = [SimpleNamespace(place=place, effect=CATALOGUE["viscous_friction"]) for place in axes]
+    bank = SimpleNamespace(corrections="corrections", laws="laws")
+    search = SimpleNamespace(
+        problem=SimpleNamespace(torque=True, model=None),
+        clear=lambda effects: None,
+        fit=lambda effects, noise: SimpleNamespace(deviance=4000.0 - 1000.0 * len(effects), n_rows=900),
+        score_all=lambda fit, part: [SimpleNamespace(statistic=law if part == "laws" else 500.0)],
+    )
+    monkeypatch.setattr("cdm_pin.everywhere.axis_places", lambda model: axes)
+    monkeypatch.setattr("cdm_pin.everywhere.at_all_axes", lambda search, names: rubs)
+    assert rubs_everywhere(search, bank, []) == everywhere
 
 
 def test_what_harms_on_the_unseen_recording_is_withdrawn(model):
