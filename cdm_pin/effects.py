@@ -546,7 +546,7 @@ def remembered(motion: Motion, place: Place) -> Vector:
 
 
 def _viscous(motion: Motion, place: Place, shape: Shape) -> Columns:
-    return _rub(motion, place, place.along(motion.v, motion.v_m))
+    return _rub(motion, place, place.along(motion.v, motion.motor_speeds))
 
 
 def _coulomb(motion: Motion, place: Place, shape: Shape) -> Columns:
@@ -564,7 +564,7 @@ def _asymmetric(motion: Motion, place: Place, shape: Shape) -> Columns:
 
 
 def _drag(motion: Motion, place: Place, shape: Shape) -> Columns:
-    v = place.along(motion.v, motion.v_m)
+    v = place.along(motion.v, motion.motor_speeds)
     return _rub(motion, place, v * np.abs(v))
 
 
@@ -830,28 +830,46 @@ def _elasticity(motion: Motion, place: Place, shape: Shape) -> Columns:
     return _compliant(motion, place.index[0])
 
 
+def _travels(motion: Motion, load: Vector, slack: float = np.inf) -> tuple[Vector, Vector]:
+    """Give by what a cable gives to its torque, per unit of compliance and of damping (`_compliant`)."""
+    from .signals_filters import differentiate
+
+    stretch = load + np.sign(load) * np.maximum(np.abs(load) - slack, 0.0)
+    return stretch, -np.where(np.abs(load) > slack, 2.0, 1.0) * differentiate(stretch, motion.rate)
+
+
+def _gives(motion: Motion, place: Place, beta: Vector, shape: Shape) -> Motion:
+    """Turn a motor by what its known cable gives, where the joints alone say where it is: it rubs at its own speed."""
+    if not motion.joints_measured or motion.motors_measured:
+        return motion
+    i = place.index[0]
+    own = np.zeros_like(motion.q_m)
+    travels = _travels(motion, motion.clear_torque[:, i], shape[0] if shape else np.inf)
+    own[:, i] = beta[:2] @ travels / motion.model.arm_scale[i]
+    return motion.stretched(own if motion.stretch is None else motion.stretch + own)
+
+
 def _compliant(motion: Motion, i: int, slack: float = np.inf) -> Columns:
     """Columns of a cable's travel per unit of compliance, and of damping in units of stiffness squared.
 
     Beyond the torque `slack` one strand hangs: travel grows twice as fast, and the damper takes twice the travel. Where
     the joints are measured the motor turns by the travel more than they say, and its rotor with it; of that the torque
-    tells the stated inertia over the stiffness.
+    tells the stated inertia over the stiffness, and known drag where the motor's speed is not measured.
     """
     from .signals_filters import differentiate
 
-    load = motion.cable_torque[:, i]
-    slope = np.where(np.abs(load) > slack, 2.0, 1.0)
-
-    def stretch(load: Vector) -> Vector:
-        return load + np.sign(load) * np.maximum(np.abs(load) - slack, 0.0)
-
-    seen = [stretch(load), -slope * differentiate(stretch(load), motion.rate)]
+    seen = _travels(motion, motion.cable_torque[:, i], slack)
     if not motion.joints_measured:
         return _stack([_moved(motion, x, i, None) for x in seen])
-    speed = differentiate(stretch(motion.clear_torque[:, i]), motion.rate)
+    slope = np.where(np.abs(motion.cable_torque[:, i]) > slack, 2.0, 1.0)
+    speed = differentiate(_travels(motion, motion.clear_torque[:, i], slack)[0], motion.rate)
     turns = [differentiate(speed, motion.rate), -differentiate(slope * differentiate(speed, motion.rate), motion.rate)]
-    rotor = np.eye(motion.model.n_motors)[i] * motion.model.rotor_inertia[i] / motion.model.arm_scale[i]
-    return _stack([_moved(motion, x, i, np.outer(turn, rotor)) for x, turn in zip(seen, turns, strict=True)])
+    motor = np.eye(motion.model.n_motors)[i] / motion.model.arm_scale[i]
+    felt = [np.outer(turn, motor * motion.model.rotor_inertia[i]) for turn in turns]
+    if not motion.motors_measured:  # their drag was taken at the speed that the joints say
+        speeds = (speed, -slope * differentiate(speed, motion.rate))
+        felt = [x + motion.motor_drag_change(np.outer(rate, motor)) for x, rate in zip(felt, speeds, strict=True)]
+    return _stack([_moved(motion, x, i, torque) for x, torque in zip(seen, felt, strict=True)])
 
 
 def _backlash(motion: Motion, place: Place, shape: Shape) -> Columns:
@@ -1451,6 +1469,7 @@ CATALOGUE: dict[str, Effect] = {
             _stiffness,
             signs=(1, 0),
             exact=False,
+            moves=_gives,
             error=0.06,
             follows=True,
             confounded=("time_delay", "rotor_inertia"),
@@ -1490,6 +1509,7 @@ CATALOGUE: dict[str, Effect] = {
             _load_bounds,
             (1, 0),
             exact=False,
+            moves=_gives,
             error=0.06,
             follows=True,
             confounded=("backlash", "cable_elasticity"),
@@ -1950,17 +1970,19 @@ def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]], *, swing
     return motion if moved.swing is None else _loaded(moved, effects)
 
 
-def _speed_powers(drag: Candidate, beta: Vector) -> tuple[Vector, float, float]:
-    """Give the coordinate of known drag, and its coefficients of the speed and of that times its magnitude."""
+def _speed_powers(drag: Candidate, beta: Vector) -> tuple[float, float]:
+    """Give the coefficients of known drag of the speed and of that times its magnitude."""
     linear = drag.effect.name == "viscous_friction"
-    return np.array(drag.place.A), float(beta[0]) * linear, float(beta[0]) * (not linear)
+    return float(beta[0]) * linear, float(beta[0]) * (not linear)
 
 
 def _loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Motion:
     springs = tuple((np.array(c.place.A), _powers(beta)) for c, beta in effects if c.effect.name == "joint_spring")
-    drags = tuple(_speed_powers(c, beta) for c, beta in effects if c.effect.name in DRAGS and any(c.place.A))
+    drags = [(c._here[0], *_speed_powers(c, beta)) for c, beta in effects if c.effect.name in DRAGS]
+    at_joints = tuple((np.array(place.A), *powers) for place, *powers in drags if any(place.A))
+    at_motors = tuple((np.array(place.B), *powers) for place, *powers in drags if any(place.B))
     blank: dict[str, Any] = {"offset": None, "tilt": None, "extra_driven": None, "shift": None, "map_errors": ()}
-    motion = replace(motion, **blank, springs=springs, drags=drags)
+    motion = replace(motion.stretched(None), **blank, springs=springs, drags=at_joints, motor_drags=at_motors)
     joint, motor = np.zeros_like(motion.q), np.zeros_like(motion.q_m)
     moving = [(c.effect.moves, c, beta) for c, beta in effects if c.effect.moves is not None]
     for moves, candidate, beta in sorted(moving, key=lambda item: item[1].effect.follows):

@@ -527,7 +527,12 @@ def _grow(search: Search, bank: Bank, accepted: list[Candidate], say: Reporter) 
         accepted = search.tuned([*accepted, winner[0]], clear.whitener)
         search = search.about(search.fit(accepted, clear.whitener))
         bank = search.renewed(bank)
-        accepted = polish(search, bank, accepted)
+        for _ in range(3):
+            before, accepted = accepted, polish(search, bank, accepted)
+            if not _is_provisional(before, accepted):
+                break
+            search, accepted = _in_turn(search, accepted, search.clear(accepted), rounds=3)
+            bank = search.renewed(bank)
         accepted = search.tuned(accepted, search.clear(accepted))
         search, bank, accepted = _sided(search, bank, accepted)
     return search, bank, accepted
@@ -1034,8 +1039,18 @@ def _same_width(candidate: Candidate, other: Candidate) -> Candidate:
     return candidate
 
 
+def _is_provisional(before: Sequence[Candidate], after: Sequence[Candidate]) -> bool:
+    """Whether effects are others than before, and columns of one, taken about those, are not yet what they will be."""
+    if {c.key for c in before} == {c.key for c in after}:
+        return False
+    return any(c.effect.follows and not c.effect.exact for c in after)
+
+
 def polish(search: Search, bank: Bank, accepted: list[Candidate], rounds: int = 2) -> list[Candidate]:
-    """Look again at each effect given the others: let a better one take its place, or one take the place of two."""
+    """Look again at each effect given the others: let a better one take its place, or one take the place of two.
+
+    Not the latter while columns are provisional: what they are off by would look like a second effect.
+    """
     for _ in range(rounds):
         before, whitener = accepted, search.clear(accepted)
         for j in range(len(accepted)):
@@ -1048,6 +1063,8 @@ def polish(search: Search, bank: Bank, accepted: list[Candidate], rounds: int = 
             trial = _winner(search, fit, [accepted[j], *leaders])
             if trial is not None:
                 accepted = [*others[:j], trial[0], *others[j:]]
+        if _is_provisional(before, accepted):
+            break
         accepted = _merge(search, bank, accepted, whitener)
         accepted = _split(search, bank, accepted, whitener)
         if {c.key for c in accepted} == {c.key for c in before}:

@@ -189,12 +189,16 @@ class Motion:
         What known offsets, tilts and shifts change of the torque that the motors' cables carry [N m].
     shift : ndarray, shape (n, n_joints), optional
         How far known errors of the cable map move the joints from where the motors say they are [rad].
+    stretch : ndarray, shape (n, n_motors), optional
+        How far known soft cables turn the motors, in `q_m`, from where the joints say they are [rad].
     map_errors : tuple of (int, int, ndarray, shape (n,))
         Known errors of the cable map: cable, joint, and how much more the cable runs per angle of that joint.
     springs : tuple of (ndarray, shape (n_joints,), ndarray, shape (k,))
         Known springs: coordinate, and coefficients of powers of it that make the torque, the lowest first.
     drags : tuple of (ndarray, shape (n_joints,), float, float)
         Known drag: coordinate, and coefficients of the speed along it and of that times its magnitude.
+    motor_drags : tuple of (ndarray, shape (n_motors,), float, float)
+        The same along coordinates of the motors.
     felt : Felt, optional
         What the motors alone tell of where the joints are, where no encoder does.
     swing : Swing, optional
@@ -221,9 +225,11 @@ class Motion:
     tilt: tuple[float, ...] | None = None
     extra_driven: Vector | None = None
     shift: Vector | None = None
+    stretch: Vector | None = None
     map_errors: tuple[tuple[int, int, Vector], ...] = ()
     springs: tuple[tuple[Vector, Vector], ...] = ()
     drags: tuple[tuple[Vector, float, float], ...] = ()
+    motor_drags: tuple[tuple[Vector, float, float], ...] = ()
     felt: Felt | None = None
     swing: Swing | None = None
 
@@ -326,6 +332,11 @@ class Motion:
         return self.v if self.shift is None else self.v + derivatives(self.shift, self.rate)[0]
 
     @cached_property
+    def motor_speeds(self) -> Vector:
+        """How fast the motors turn as far as cables do not stretch, shape (n, n_motors) [rad/s]."""
+        return self.v_m if self.stretch is None else self.v_m - derivatives(self.stretch, self.rate)[0]
+
+    @cached_property
     def midway(self) -> Motion:
         """The motion halfway between where the motors say that the joints are and where they are (`shift`)."""
         if self.shift is None:
@@ -372,6 +383,20 @@ class Motion:
         if felt is not None:
             felt = replace(felt, torque=felt.torque[part], position=felt.position[part], valid=felt.valid[part])
         return replace(self, **arrays, felt=felt)
+
+    @property
+    def moved(self) -> Vector | None:
+        """How far known effects move the side that was not measured, joints or motors; None if none do [rad]."""
+        return self.stretch if self.shift is None else self.shift
+
+    def stretched(self, travel: Vector | None) -> Motion:
+        """Give the motion with motors that soft cables let turn by `travel` (n, n_motors) from where the joints say."""
+        old, new = (np.zeros_like(self.q_m) if x is None else x for x in (self.stretch, travel))
+        if self.stretch is None and travel is None:
+            return self
+        change = new - old
+        speeds = self.v_m + derivatives(change, self.rate)[0]
+        return replace(self, q_m=self.q_m + change, v_m=speeds, stretch=travel)
 
     def with_model(self, model: CableModel) -> Motion:
         """Give the same motion of a robot with other inertial parameters."""
@@ -438,6 +463,16 @@ class Motion:
         for A, linear, quadratic in self.drags:
             out += ((linear + 2.0 * quadratic * np.abs(self.v @ A)) * (rate @ A))[:, None] * A
         return out @ self.model.joint_from_motor
+
+    def motor_drag_change(self, rate: Vector) -> Vector:
+        """Differentiate the motors' torque of their known drag along a change of their speeds, both (n, n_motors).
+
+        Halfway to what known cables make of the speeds, where the change is exact for those.
+        """
+        speeds, out = 0.5 * (self.v_m + self.motor_speeds), np.zeros_like(self.q_m)
+        for B, linear, quadratic in self.motor_drags:
+            out += ((linear + 2.0 * quadratic * np.abs(speeds @ B)) * (rate @ B))[:, None] * B
+        return out
 
     def torque_along(self, d: Vector, rates: tuple[Vector, Vector]) -> Vector:
         """Differentiate the rigid body's torque by a central difference along this one direction: less work there."""

@@ -172,18 +172,18 @@ class Problem:
 
     @property
     def shifted(self) -> bool:
-        """Whether known errors of the cable map move the joints from where the motors say they are."""
-        return any(run.motion.shift is not None for run in self.runs)
+        """Whether known effects move the joints from where the motors say they are, or the motors from the joints."""
+        return any(run.motion.moved is not None for run in self.runs)
 
     @property
     def posture(self) -> tuple[tuple[int, ...], ...]:
-        """About how far soft cables and errors of the cable map move the joints; equal where columns may be kept.
+        """About how far soft cables and errors of the cable map move joints or motors; equal where columns may be kept.
 
-        On which cable the links swing and how stiff it is, on a scale of thirds; the joints' shifts, on one of tenths.
+        On which cable the links swing and how stiff it is, on a scale of thirds; by how much others move, of tenths.
         """
         swing = self.runs[0].motion.swing
         hung = () if swing is None else (swing.cable, round(np.log(swing.stiffness) / np.log(4.0 / 3.0)))
-        shifts = [run.motion.shift for run in self.runs if run.motion.shift is not None]
+        shifts = [run.motion.moved for run in self.runs if run.motion.moved is not None]
         size = np.sqrt(np.mean(np.concatenate(shifts) ** 2, axis=0)) if shifts else np.array([])
         return hung, tuple(np.round(np.log(np.maximum(size, 1e-5)) / np.log(1.1)).astype(int).tolist())
 
