@@ -169,6 +169,10 @@ def explain(
         if accepted is not grown and _has_a_name(search, bank, grown, accepted):
             accepted = grown
             continue
+        if accepted is not grown and (law := _beside_looser(search, bank, grown, accepted)) is not None:
+            search, accepted = law
+            bank = search.renewed(bank)
+            continue
         if len(grown) < search.settings.at_once and accepted is grown:
             break
     say("rivals", 0.9)
@@ -471,9 +475,7 @@ def unnamed(search: Search, bank: Bank, accepted: list[Candidate]) -> Candidate 
     return None
 
 
-def next_law(
-    search: Search, bank: Bank, accepted: list[Candidate], withdrawn: Sequence[Candidate]
-) -> Candidate | None:
+def next_law(search: Search, bank: Bank, accepted: list[Candidate], withdrawn: Sequence[Candidate]) -> Candidate | None:
     """Give the law that the data ask for most beside some effects, with all that is left as noise; None for none.
 
     It has to explain as much as anything else that was withdrawn: else it only stands for that, and less well.
@@ -636,6 +638,31 @@ def _has_a_name(search: Search, bank: Bank, grown: list[Candidate], patched: lis
         return False
     own = gain(search, clear, new[0], search.score(clear, new[0]))
     return gain(search, clear, *winner) > own - _nearly(own)
+
+
+def _beside_looser(
+    search: Search, bank: Bank, grown: list[Candidate], patched: list[Candidate], most: int = 3
+) -> tuple[Search, list[Candidate]] | None:
+    """Find the law that explains more than a correction without a name once the shapes of those beside it give way.
+
+    Estimated without it, they may have taken most of it up, such as a ratio of two motors what a gain is off by.
+    """
+    if not grown or len(grown) >= search.settings.most:
+        return None
+    clear = search.fit(grown, search.clear(grown))
+    loose = search.loosened(clear)
+    for law, score, _ in _leaders(search, loose, bank, most, grown):
+        if not law.is_plausible(score.beta, grown) or not is_loud(score):
+            continue
+        there, laws = settled(search, [*grown, law], rounds=4)
+        whitener = there.clear(laws)
+        fit, other = there.fit(laws, whitener), search.fit(patched, whitener)
+        fewer = search.size(*patched) - there.size(*laws)
+        without = there.without(fit, len(laws) - 1)
+        stands = _stands(there, laws[-1], there.score(without, laws[-1]), without)
+        if stands and other.deviance - fit.deviance + np.log(fit.n_rows) * fewer > 0.0:
+            return there, laws
+    return None
 
 
 def _nearly(worth: float) -> float:

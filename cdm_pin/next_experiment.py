@@ -172,8 +172,8 @@ def random_motion(problem: Problem, rng: np.random.Generator, duration: float, s
     m = model.motor_from_joint.T
     return replace(
         first, time=t, q=out, v=v, a=a, q_m=model.motor_position(out), v_m=v @ m, a_m=a @ m, index=-1,
-        extra_joint=None, extra_motor=None, extra_driven=None, shift=None, stretch=None, map_errors=(), springs=(), drags=(),
-        motor_drags=(), felt=None, swing=None,
+        extra_joint=None, extra_motor=None, extra_driven=None, shift=None, stretch=None, map_errors=(), springs=(),
+        drags=(), motor_drags=(), felt=None, swing=None,
     )  # fmt: skip
 
 

@@ -453,12 +453,9 @@ class Search:
         effects = list(effects)
         for _ in range(rounds):
             fit = self.fit(effects, whitener)
-            slopes = [self.slopes(c, b) for c, b in zip(effects, fit.beta, strict=True)]
-            flat = [s for own in slopes for s in own]
-            if not flat:
+            W = self._white_slopes(fit)
+            if not len(W):
                 break
-            banks = [np.concatenate([s[r] for s in flat]) for r in range(len(self.rigid))]
-            W = self.white(whitener, banks)
             size, W = np.linalg.norm(W, axis=1), fit.rest(W)
             own = np.linalg.norm(W, axis=1)
             scale = np.where(own > 1e-3 * size, own, np.inf)
@@ -474,6 +471,25 @@ class Search:
             if fit.deviance - better.deviance < 0.1:
                 break
         return effects
+
+    def _white_slopes(self, fit: Fit) -> Vector:
+        """Differentiate a fit by the free elements of its effects' shapes, whitened, shape (n_elements, n_rows)."""
+        slopes = [self.slopes(c, b) for c, b in zip(fit.effects, fit.beta, strict=True)]
+        flat = [s for own in slopes for s in own]
+        if not flat:
+            return np.zeros((0, fit.n_rows))
+        banks = [np.concatenate([s[r] for s in flat]) for r in range(len(self.rigid))]
+        return self.white(fit.whitener, banks)
+
+    def loosened(self, fit: Fit) -> Fit:
+        """Give a fit in which the shapes of its effects give way, to first order, to what is scored beside it.
+
+        Estimated without that, they may have taken much of it up.
+        """
+        W = self._white_slopes(fit)
+        basis = _least_squares(fit.rest(W), fit.residual, np.linalg.norm(W, axis=1))[1]
+        residual = fit.residual - basis @ (basis.T @ fit.residual)
+        return replace(fit, Q=np.concatenate([fit.Q, basis], axis=1), residual=residual)
 
     def _moved(self, effects: Sequence[Candidate], step: Vector) -> list[Candidate]:
         """Move the free elements of all shapes, no further than their bounds and their reach."""
