@@ -179,6 +179,10 @@ def explain(
     kept = prune(search, accepted)
     left = unnamed(search, search.renewed(bank), kept) if len(kept) < len(accepted) else None
     search, accepted = settled(search, kept if left is None else [*kept, left])  # two may have hidden each other
+    if accepted and all(c.named for c in accepted):  # or an estimate have hid one
+        there, _, more = _grow(search, search.renewed(bank), accepted, say)
+        if len(more) > len(accepted):
+            search, accepted = settled(there, prune(there, more))
     search, accepted = _unpatched(search, bank, accepted)
     explanation = _plainer(_renamed(explained(search, search.renewed(bank), accepted)))
     explanation = _pruned(_peaked(_simplest(explanation)))

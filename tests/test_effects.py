@@ -492,3 +492,26 @@ def test_behind_a_wrong_map_drag_is_that_of_the_true_speed(name):
     steady = (np.sign(v) == np.sign(motion.v[:, 1])) & (np.abs(v) > 0.1)
     np.testing.assert_allclose(total[steady], (b[0] * law)[steady, None] * weights, atol=1e-3)
     assert np.abs(change[steady]).max() > 0.01
+
+
+def test_behind_a_soft_cable_a_motor_drags_at_its_own_speed():
+    """Where the joints alone are measured: the law at that speed, of which the cable's column has what it gives."""
+    model = build_model(parse_manipulator(planar_content(2, 3)))
+    motion = make_motion(model, joints_measured=True, motors_measured=False)
+    law = CATALOGUE["viscous_friction"]
+    place = next(p for p in law.places(model) if p.location == {"kind": "combination", "index": 1, "other": 2})
+    drag, b = Candidate(law, place, (0.8,)), np.array([0.6])
+    soft = Candidate(CATALOGUE["cable_elasticity"], CATALOGUE["cable_elasticity"].places(model)[0])
+    c = np.array([1e-2, 1e-5])
+    effects = [(drag, b), (soft, c)]
+    with_it = loaded(loaded(motion, effects), effects)
+    np.testing.assert_allclose(with_it.motor_speeds, motion.v_m, atol=1e-9)
+    turns = differentiate(with_it.stretch, motion.rate)
+    np.testing.assert_allclose(with_it.v_m, motion.v_m + turns, atol=1e-9)
+    assert np.abs(turns[:, 0]).max() > 0.05 and not turns[:, 1].any()
+    gives = soft.raw_columns(with_it).torque - soft.raw_columns(replace(with_it, motor_drags=())).torque
+    series, weights = drag.raw_columns(with_it).along
+    total = (b @ series)[:, None] * weights + gives @ c
+    np.testing.assert_allclose(total, 0.6 * np.outer(with_it.v_m @ weights, weights), atol=1e-6)
+    assert loaded(with_it, []).stretch is None
+    np.testing.assert_allclose(loaded(with_it, []).v_m, motion.v_m, atol=1e-9)
