@@ -744,12 +744,17 @@ def _moved(motion: Motion, travel: Vector, i: int, torque: Vector | None) -> Col
     """Columns of effects that change where joint and motor stand: extra travel of cable i, seen or felt.
 
     Where the joints are measured the travel appears in the kinematic residual; where only the motors are, the joints
-    stand elsewhere than E q_m says. `torque` is what the changed map does to the motors' torque.
+    stand elsewhere than E q_m says. `torque` is what the changed map does to the motors' torque, besides their known
+    drag, which was taken at the speeds that E says.
     """
+    from .signals_filters import differentiate
+
     n, nm = motion.n, motion.model.n_motors
     x = np.zeros((n, nm))
     x[:, i] = travel
     if motion.joints_measured:
+        if torque is not None and motion.motor_drags and not motion.motors_measured:
+            torque = torque + motion.motor_drag_change(differentiate(x, motion.rate) / motion.model.arm_scale)
         return Columns(
             torque[..., None] if torque is not None else None, x[..., None] if motion.motors_measured else None
         )
@@ -820,8 +825,10 @@ def _wrong_map(travel: Callable[[Vector, Vector], tuple[Vector, Vector]]):
             shift = known - (own / scale[i])[:, None] * E[:, i]
         if np.abs(slope).max() > LARGE_SLOPE:
             return motion
-        errors = (*motion.map_errors, (i, k, slope))
-        return replace(motion, map_errors=errors, shift=None if motion.joints_measured else shift)
+        motion = replace(motion, map_errors=(*motion.map_errors, (i, k, slope)))
+        if not motion.joints_measured:
+            return replace(motion, shift=shift)
+        return motion if motion.motors_measured else _turned(motion, i, own)
 
     return moves
 
@@ -843,9 +850,13 @@ def _gives(motion: Motion, place: Place, beta: Vector, shape: Shape) -> Motion:
     if not motion.joints_measured or motion.motors_measured:
         return motion
     i = place.index[0]
+    return _turned(motion, i, beta[:2] @ _travels(motion, motion.clear_torque[:, i], shape[0] if shape else np.inf))
+
+
+def _turned(motion: Motion, i: int, travel: Vector) -> Motion:
+    """Turn motor `i` by a travel of its cable from where the joints say it is."""
     own = np.zeros_like(motion.q_m)
-    travels = _travels(motion, motion.clear_torque[:, i], shape[0] if shape else np.inf)
-    own[:, i] = beta[:2] @ travels / motion.model.arm_scale[i]
+    own[:, i] = travel / motion.model.arm_scale[i]
     return motion.stretched(own if motion.stretch is None else motion.stretch + own)
 
 
@@ -858,18 +869,15 @@ def _compliant(motion: Motion, i: int, slack: float = np.inf) -> Columns:
     """
     from .signals_filters import differentiate
 
-    seen = _travels(motion, motion.cable_torque[:, i], slack)
+    felt_alone = motion.joints_measured and not motion.motors_measured
+    seen = _travels(motion, (motion.clear_torque if felt_alone else motion.cable_torque)[:, i], slack)
     if not motion.joints_measured:
         return _stack([_moved(motion, x, i, None) for x in seen])
     slope = np.where(np.abs(motion.cable_torque[:, i]) > slack, 2.0, 1.0)
     speed = differentiate(_travels(motion, motion.clear_torque[:, i], slack)[0], motion.rate)
     turns = [differentiate(speed, motion.rate), -differentiate(slope * differentiate(speed, motion.rate), motion.rate)]
-    motor = np.eye(motion.model.n_motors)[i] / motion.model.arm_scale[i]
-    felt = [np.outer(turn, motor * motion.model.rotor_inertia[i]) for turn in turns]
-    if not motion.motors_measured:  # their drag was taken at the speed that the joints say
-        speeds = (speed, -slope * differentiate(speed, motion.rate))
-        felt = [x + motion.motor_drag_change(np.outer(rate, motor)) for x, rate in zip(felt, speeds, strict=True)]
-    return _stack([_moved(motion, x, i, torque) for x, torque in zip(seen, felt, strict=True)])
+    rotor = np.eye(motion.model.n_motors)[i] * motion.model.rotor_inertia[i] / motion.model.arm_scale[i]
+    return _stack([_moved(motion, x, i, np.outer(turn, rotor)) for x, turn in zip(seen, turns, strict=True)])
 
 
 def _backlash(motion: Motion, place: Place, shape: Shape) -> Columns:

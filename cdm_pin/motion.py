@@ -190,7 +190,8 @@ class Motion:
     shift : ndarray, shape (n, n_joints), optional
         How far known errors of the cable map move the joints from where the motors say they are [rad].
     stretch : ndarray, shape (n, n_motors), optional
-        How far known soft cables turn the motors, in `q_m`, from where the joints say they are [rad].
+        How far soft cables and errors of the cable map, as known, turn the motors, in `q_m`, from where the joints say
+        they are [rad].
     map_errors : tuple of (int, int, ndarray, shape (n,))
         Known errors of the cable map: cable, joint, and how much more the cable runs per angle of that joint.
     springs : tuple of (ndarray, shape (n_joints,), ndarray, shape (k,))
@@ -333,7 +334,7 @@ class Motion:
 
     @cached_property
     def motor_speeds(self) -> Vector:
-        """How fast the motors turn as far as cables do not stretch, shape (n, n_motors) [rad/s]."""
+        """How fast the motors turn by what the joints say, or as measured, shape (n, n_motors) [rad/s]."""
         return self.v_m if self.stretch is None else self.v_m - derivatives(self.stretch, self.rate)[0]
 
     @cached_property
@@ -390,7 +391,7 @@ class Motion:
         return self.stretch if self.shift is None else self.shift
 
     def stretched(self, travel: Vector | None) -> Motion:
-        """Give the motion with motors that soft cables let turn by `travel` (n, n_motors) from where the joints say."""
+        """Give the motion with motors turned by `travel` (n, n_motors) from where the joints say that they are."""
         old, new = (np.zeros_like(self.q_m) if x is None else x for x in (self.stretch, travel))
         if self.stretch is None and travel is None:
             return self
@@ -467,7 +468,7 @@ class Motion:
     def motor_drag_change(self, rate: Vector) -> Vector:
         """Differentiate the motors' torque of their known drag along a change of their speeds, both (n, n_motors).
 
-        Halfway to what known cables make of the speeds, where the change is exact for those.
+        Halfway to what known effects make of the speeds, where the change is exact for those.
         """
         speeds, out = 0.5 * (self.v_m + self.motor_speeds), np.zeros_like(self.q_m)
         for B, linear, quadratic in self.motor_drags:
