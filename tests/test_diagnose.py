@@ -12,6 +12,7 @@ from cdm_pin.diagnose import diagnose, distinct
 from cdm_pin.manipulator import save_manipulator
 from cdm_pin.model import load_model
 from cdm_pin.recording import Recording
+from cdm_pin.scoring import score
 from cdm_pin.selection import rms
 
 KEYS = {
@@ -205,3 +206,17 @@ def test_a_strong_push_beside_friction_by_torque_is_named(tmp_path):
     assert content["verdict"] == "missing_physics"
     found = {(f["effect"], str(f["location"])) for f in content["findings"]}
     assert found == {(e["effect"], str(e["location"])) for e in truth["effects"]}
+
+
+@pytest.mark.parametrize(
+    ("seed", "bits"),
+    [
+        (202895779544438, 14),  # a ratio of two motors that takes up most of what a gain is off by
+        (229026444396308, 17),  # ripple of a motor that turns by a wrong map, seen by encoders of the joints alone
+        (1625527913126, 17),  # a delay that looks like friction at every axis
+    ],
+)
+def test_three_effects_are_told_apart(tmp_path, seed, bits):
+    model, runs, unseen, truth, _ = written_trial(tmp_path, seed, effects=3, at_least=50.0, bits=bits)
+    result = score(truth, diagnose(model, runs, unseen).content)
+    assert result.all_right, (result.meetings, result.false_findings)

@@ -340,6 +340,35 @@ def test_a_constant_that_nothing_tells_leaves_friction_asymmetric_or_not():
     assert explain.confined(backwards, law, columns, wild).statistic == -np.inf
 
 
+def test_shapes_give_way_to_what_is_scored_beside_them(tmp_path):
+    """Dry friction whose sign is too wide takes up a part of what a second law explains; given way, it does not."""
+    model, runs, _, _ = loaded_trial(tmp_path, 7, n_links=2, effects=["coulomb_friction"], at_least=50.0, duration=20.0)
+    problem = make_problem(model, runs)
+    search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
+    friction, *_ = all_candidates(problem, ["coulomb_friction"])
+    fit = search.fit([replace(friction, shape=(3.0 * friction.shape[0],))])
+    loose = search.loosened(fit)
+    slopes = search._white_slopes(fit)
+    assert loose.Q.shape[1] == fit.Q.shape[1] + 1 == len(slopes) + fit.Q.shape[1]
+    np.testing.assert_allclose(loose.Q.T @ loose.Q, np.eye(loose.Q.shape[1]), atol=1e-8)
+    np.testing.assert_allclose(loose.rest(slopes), 0.0, atol=1e-6 * np.linalg.norm(slopes))
+    assert np.linalg.norm(loose.residual) <= np.linalg.norm(fit.residual)
+    assert search.loosened(search.fit([])).Q.shape[1] == 0
+
+
+@pytest.mark.parametrize(
+    ("follows", "exact", "provisional"), [(True, False, True), (True, True, False), (False, False, False)]
+)
+def test_columns_about_other_effects_are_provisional(follows, exact, provisional):
+    """Where effects changed, first-order columns that depend on them are not yet what they will be."""
+    old, new = (
+        SimpleNamespace(key="old"),
+        SimpleNamespace(key="new", effect=SimpleNamespace(follows=follows, exact=exact)),
+    )
+    assert explain._is_provisional([old], [new]) == provisional
+    assert not explain._is_provisional([new], [new])
+
+
 def test_no_law_stands_for_what_was_withdrawn_and_explains_more(monkeypatch):
     """A law is let in by a withdrawal only if it explains as much as what was withdrawn would in its place."""
     worth = {"withdrawn": 20.0, "other": 10.0, "equal": 19.0}
