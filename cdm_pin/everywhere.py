@@ -26,8 +26,9 @@ SLIP = 0.03
 def rubs_everywhere(search: Search, bank: Bank, found: Sequence[Candidate], least: int = 3) -> bool:
     """Whether friction is missing at most axes, beside what was found first and given that at all the others.
 
-    No place alone may be the whole story, nor any correction without a name, nor one more law beside what was found: an
-    effect that acts on several motors, such as a delay, may look like friction everywhere.
+    No place alone may be the whole story, nor any correction without a name, nor what was found, friction at few axes
+    with it, and one more law that is none: an effect that acts on several motors, such as a delay, may look like
+    friction everywhere.
     """
     axes = axis_places(search.problem.model)
     if not search.problem.torque or len(axes) < least:
@@ -49,8 +50,12 @@ def rubs_everywhere(search: Search, bank: Bank, found: Sequence[Candidate], leas
         return False
     rigid = search.fit([], clear)
     patch = max(score.statistic for score in search.score_all(rigid, bank.corrections))
-    law = max(score.statistic for score in search.score_all(alone, bank.laws))
-    return bool(rigid.deviance - patch > whole and alone.deviance - law > whole)
+    if rigid.deviance - patch <= whole:
+        return False
+    rubbing = {(c.place.A, c.place.B) for c in all_found if _rubs(c)}
+    scores = zip(bank.laws.candidates, search.score_all(alone, bank.laws), strict=True)
+    law = max((score.statistic for c, score in scores if not _rubs(c)), default=0.0)
+    return 2 * len(rubbing) >= len(axes) or bool(alone.deviance - law > whole)
 
 
 def _rubs(candidate: Candidate) -> bool:

@@ -344,6 +344,7 @@ def _simplest_at(explanation: Explanation, j: int, taken: Sequence[tuple[str, st
     rivals = [(c, d) for c, d in found.rivals if c.key not in taken and c.named == best.named]
     without = search.without(explanation.fit, j)
     rivals = [(c, d) for c, d in rivals if c.is_plausible(search.score(without, c).beta, without.effects)]
+    rivals = [(c, d) for c, d in rivals if not drives(search, without, c)]
     here = {c.key for c, _ in rivals if c.place.location == best.place.location}
     if best.named and not best.is_plausible(search.score(without, best).beta, without.effects):
         least = -ABOUT * found.gain
@@ -1009,7 +1010,7 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
         if (n < 4 and value > best - max(40.0, 0.15 * abs(best))) or (fine and value > 0.3 * best):
             pool.append(search.refine(fit, c) if c.shape else (c, s))
     pool = [(c, s) for c, s in pool if gain(search, fit, c, s) > 0 and c.is_plausible(s.beta, fit.effects)]
-    pool = [(c, s) for c, s in pool if not (drives(search, fit, c) or hides_in_masses(search, fit, c))]
+    pool = [(c, s) for c, s in pool if not hides_in_masses(search, fit, c)]
     if not pool:
         return None
     top = max(pool, key=lambda item: gain(search, fit, *item))
@@ -1028,7 +1029,7 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
 
 
 def drives(search: Search, fit: Fit, candidate: Candidate) -> bool:
-    """Whether an effect beside a fit does what it cannot, such as a spring that pushes on, by three standard errors."""
+    """Whether an effect beside a fit does what it hardly can, as a spring that pushes on, by three standard errors."""
     weights = candidate.least(search.problem.motions)
     if weights is None:
         return False
@@ -1248,9 +1249,8 @@ def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> F
         if gain(search, without, leader, s) > own - max(30.0, 0.1 * abs(own)):
             refined, s = search.refine(without, leader)
             s = freed(search, without, refined, s)
-            absurd = drives(search, without, refined) or hides_in_masses(search, without, refined)
             s = confined(without, refined, search.white(without.whitener, search.columns(refined)), s)
-            if refined.is_plausible(s.beta, without.effects) and not absurd:
+            if refined.is_plausible(s.beta, without.effects) and not hides_in_masses(search, without, refined):
                 rivals.append((refined, gain(search, without, refined, s) - own))
     rivals.sort(key=lambda item: -item[1])
     return Found(candidate, score, own, family_wise(score, candidate, 0.01), tuple(rivals))

@@ -94,12 +94,13 @@ def test_one_law_that_explains_as_much_is_not_friction_everywhere(monkeypatch, l
     """Friction at three axes explains 3000 in all; a delay that explains as much beside what was found is likelier."""
     axes = [SimpleNamespace(location={"kind": "motor", "index": k}) for k in range(3)]
     rubs = [SimpleNamespace(place=place, effect=CATALOGUE["viscous_friction"]) for place in axes]
-    bank = SimpleNamespace(corrections="corrections", laws="laws")
+    laws = SimpleNamespace(candidates=[Candidate(CATALOGUE["time_delay"], SimpleNamespace(A=()))])
+    bank = SimpleNamespace(corrections="corrections", laws=laws)
     search = SimpleNamespace(
         problem=SimpleNamespace(torque=True, model=None),
         clear=lambda effects: None,
         fit=lambda effects, noise: SimpleNamespace(deviance=4000.0 - 1000.0 * len(effects), n_rows=900),
-        score_all=lambda fit, part: [SimpleNamespace(statistic=law if part == "laws" else 500.0)],
+        score_all=lambda fit, part: [SimpleNamespace(statistic=law if part is laws else 500.0)],
     )
     monkeypatch.setattr("cdm_pin.everywhere.axis_places", lambda model: axes)
     monkeypatch.setattr("cdm_pin.everywhere.at_all_axes", lambda search, names: rubs)
