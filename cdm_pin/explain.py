@@ -1247,7 +1247,7 @@ def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> F
         leader = _same_width(leader, candidate)
         s = freed(search, without, leader, search.score(without, leader))
         if gain(search, without, leader, s) > own - max(30.0, 0.1 * abs(own)):
-            refined, s = search.refine(without, leader)
+            refined, s = search.refine(without, leader, plausibly=True)
             s = freed(search, without, refined, s)
             s = confined(without, refined, search.white(without.whitener, search.columns(refined)), s)
             if refined.is_plausible(s.beta, without.effects) and not hides_in_masses(search, without, refined):

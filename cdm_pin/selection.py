@@ -1028,8 +1028,13 @@ class Search:
         gram = rest @ rest.T
         return scored(gram, rest @ fit.residual, np.einsum("ij,ij->i", W, W), np.diag(gram), candidate.signs)
 
-    def refine(self, fit: Fit, candidate: Candidate, rounds: int = 2) -> tuple[Candidate, Score]:
-        """Estimate the shape of a candidate: one nonlinear parameter after the other, to the best plausible score.
+    def refine(
+        self, fit: Fit, candidate: Candidate, rounds: int = 2, plausibly: bool = False
+    ) -> tuple[Candidate, Score]:
+        """Estimate the shape of a candidate: one nonlinear parameter after the other, to the best score.
+
+        Or the best that is plausible, where any is: over less than a cycle of friction that varies with position the
+        best may not brake, and many others explain as much.
 
         Where the shape is the coefficient, as of a delay, it is made to be: a small share of a long delay would be a
         low-pass, which noisy accelerations ask for.
@@ -1044,15 +1049,17 @@ class Search:
         best, score = candidate, self.score(fit, candidate)
         for _ in range(rounds if len(bounds) > 1 else 1):
             for i in range(min(len(bounds), len(candidate.shape))):
-                best, score = self._refine_one(fit, best, score, i, bounds[i])
+                best, score = self._refine_one(fit, best, score, i, bounds[i], plausibly)
         return best, score
 
-    def _refine_one(self, fit: Fit, start: Candidate, score: Score, i: int, bounds: tuple[float, float]):
+    def _refine_one(
+        self, fit: Fit, start: Candidate, score: Score, i: int, bounds: tuple[float, float], plausibly: bool
+    ):
         logarithmic = bounds[0] > 0
         found: list[tuple[bool, float, Candidate, Score]] = []
 
         def keep(trial: Candidate, s: Score) -> bool:
-            plausible = trial.is_plausible(s.beta, fit.effects)
+            plausible = not plausibly or trial.is_plausible(s.beta, fit.effects)
             found.append((plausible, s.statistic, trial, s))
             return plausible and bool(np.isfinite(s.statistic))
 
