@@ -1859,9 +1859,10 @@ class Candidate:
         brakes = float(np.linalg.norm(beta[1 : self.effect.brakes])) <= beta[0] if self.effect.brakes else True
         return shared or (brakes and self.effect.plausible(beta, self.shape, self.detail))
 
-    def least(self, motions: Sequence[Motion]) -> Vector | None:
-        """Give weights with which the sum of its coefficients is not negative (`Effect.least`), None without any."""
-        return self.effect.least(motions, self._here[0], self.shape) if self.effect.least is not None else None
+    def least(self, motions: Sequence[Motion]) -> Vector:
+        """Give weights with which the sum of its coefficients is not negative (`Effect.least`)."""
+        assert self.effect.least is not None
+        return self.effect.least(motions, self._here[0], self.shape)
 
     @property
     def leads(self) -> bool:

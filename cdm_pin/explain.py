@@ -1030,9 +1030,9 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
 
 def drives(search: Search, fit: Fit, candidate: Candidate) -> bool:
     """Whether an effect beside a fit does what it hardly can, as a spring that pushes on, by three standard errors."""
-    weights = candidate.least(search.problem.motions)
-    if weights is None:
+    if candidate.effect.least is None:
         return False
+    weights = candidate.least(search.problem.motions)
     both = search.fit([*fit.effects, candidate], fit.whitener)
     k = len(weights)
     spread = both.covariance[-len(both.beta[-1]) :, -len(both.beta[-1]) :][:k, :k]
