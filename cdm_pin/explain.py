@@ -483,17 +483,18 @@ def unnamed(search: Search, bank: Bank, accepted: list[Candidate]) -> Candidate 
 def next_law(search: Search, bank: Bank, accepted: list[Candidate], withdrawn: Sequence[Candidate]) -> Candidate | None:
     """Give the law that the data ask for most beside some effects, with all that is left as noise; None for none.
 
-    It has to explain as much as anything else that was withdrawn: else it only stands for that, and less well.
+    Not one that something explains away which was withdrawn: it would only stand for that, and less well.
     """
     fit, own = search.fit(accepted), {c.key for c in accepted}
-    gone = [gain(search, fit, c, search.score(fit, c)) for c in withdrawn if c.key not in own]
-    least = max((worth - max(search.settings.close, ABOUT * worth) for worth in gone), default=-np.inf)
-    but = {c.key for c in withdrawn}
+    gone = [c for c in withdrawn if c.key not in own]
     for candidate, score, weight in _leaders(search, fit, bank, 6, accepted):
-        if candidate.key in but or not _passes(search, candidate, score, weight, fit):
+        if any(c.key == candidate.key for c in withdrawn) or not _passes(search, candidate, score, weight, fit):
             continue
         candidate, score = search.refine(fit, candidate)
-        if gain(search, fit, candidate, score) > least:
+        worth = gain(search, fit, candidate, score)
+        more = [c for c in gone if gain(search, fit, c, search.score(fit, c)) > worth + search.settings.close]
+        besides = [search.fit([*accepted, c], fit.whitener) for c in more]
+        if all(gain(search, f, candidate, search.score(f, candidate)) > 0.5 * worth for f in besides):
             return candidate
     return None
 

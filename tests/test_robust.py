@@ -370,15 +370,34 @@ def test_columns_about_other_effects_are_provisional(follows, exact, provisional
 
 
 def test_no_law_stands_for_what_was_withdrawn_and_explains_more(monkeypatch):
-    """A law is let in by a withdrawal only if it explains as much as what was withdrawn would in its place."""
-    worth = {"withdrawn": 20.0, "other": 10.0, "equal": 19.0}
-    monkeypatch.setattr(explain, "gain", lambda search, fit, candidate, score: worth[candidate])
+    """A law that a withdrawn one explains away is let in only if it explains as much; one elsewhere is.
+
+    Nothing that was withdrawn comes back by itself.
+    """
+    worth = {"withdrawn": 20.0, "weaker": 10.0, "equal": 19.0, "elsewhere": 8.0}
+
+    def gain(search, fit, candidate, score):
+        return worth[candidate] if candidate == "elsewhere" or "withdrawn" not in fit else 0.0
+
+    monkeypatch.setattr(explain, "gain", gain)
     monkeypatch.setattr(explain, "_passes", lambda search, candidate, score, weight, fit: True)
+
+    class Effects(list):
+        whitener = None
+
     search = SimpleNamespace(
-        settings=Settings(), fit=lambda effects: None, score=lambda fit, c: None, refine=lambda fit, c: (c, None)
+        settings=Settings(),
+        fit=lambda effects, whitener=None: Effects(effects),
+        score=lambda fit, c: None,
+        refine=lambda fit, c: (c, None),
     )
-    for leaders, expected in ((["other", "equal"], "equal"), (["other"], None), (["withdrawn"], None)):
-        laws = [(Law(name), None, 0.1) for name in leaders]
+    for names, expected in (
+        (["weaker", "equal"], "equal"),
+        (["weaker"], None),
+        (["weaker", "elsewhere"], "elsewhere"),
+        (["withdrawn"], None),
+    ):
+        laws = [(Law(name), None, 0.1) for name in names]
         monkeypatch.setattr(explain, "_leaders", lambda search, fit, bank, most, taken, laws=laws: laws)
         assert explain.next_law(search, None, [], [Law("withdrawn")]) == expected
 
