@@ -166,10 +166,10 @@ def diagnose(
     named = [f.candidate.key for f in first.found if f.candidate.named]
     if named and not explanation.found:  # another explanation may have been second to those that were withdrawn
         second = explain(first.search.stiff, progress, frozenset(named))
-        there, again = _validated(seen, second)
-        nearly = _likely(second) > _likely(first) - settings.close
-        if nearly and again.found and not {f.candidate.effect.name for f in again.found} & {name for name, _ in named}:
-            judge, explanation = there, again
+        if second.found and _likely(second) > _likely(first) - settings.close:
+            there, again = _validated(seen, second)
+            if again.found and not {f.candidate.effect.name for f in again.found} & {name for name, _ in named}:
+                judge, explanation = there, again
     explanation = _sized(explanation if explanation.everywhere else still_standing(explanation))
     lost = [f for f in first.found if f.candidate not in explanation.fit.effects and is_loud(f.score)]
     rough = explanation.fit.deviance > 2.0 * explanation.fit.n_rows  # bursts that no estimate of the noise has in it

@@ -753,7 +753,7 @@ def _moved(motion: Motion, travel: Vector, i: int, torque: Vector | None) -> Col
     x = np.zeros((n, nm))
     x[:, i] = travel
     if motion.joints_measured:
-        if torque is not None and motion.motor_drags and not motion.motors_measured:
+        if torque is not None and motion.motor_drags and motion.joints_alone:
             torque = torque + motion.motor_drag_change(differentiate(x, motion.rate) / motion.model.arm_scale)
         return Columns(
             torque[..., None] if torque is not None else None, x[..., None] if motion.motors_measured else None
@@ -828,7 +828,7 @@ def _wrong_map(travel: Callable[[Vector, Vector], tuple[Vector, Vector]]):
         motion = replace(motion, map_errors=(*motion.map_errors, (i, k, slope)))
         if not motion.joints_measured:
             return replace(motion, shift=shift)
-        return motion if motion.motors_measured else _turned(motion, i, own)
+        return _turned(motion, i, own) if motion.joints_alone else motion
 
     return moves
 
@@ -837,17 +837,27 @@ def _elasticity(motion: Motion, place: Place, shape: Shape) -> Columns:
     return _compliant(motion, place.index[0])
 
 
-def _travels(motion: Motion, load: Vector, slack: float = np.inf) -> tuple[Vector, Vector]:
+def _stretch(load: Vector, slack: float) -> Vector:
+    """Give by how much a cable gives to a torque per unit of compliance; twice as fast where one strand hangs."""
+    return load + np.sign(load) * np.maximum(np.abs(load) - slack, 0.0)
+
+
+def _stretch_slope(load: Vector, slack: float) -> Vector:
+    """Differentiate `_stretch` by the torque."""
+    return np.where(np.abs(load) > slack, 2.0, 1.0)
+
+
+def _travels(motion: Motion, load: Vector, slack: float) -> tuple[Vector, Vector]:
     """Give by what a cable gives to its torque, per unit of compliance and of damping (`_compliant`)."""
     from .signals_filters import differentiate
 
-    stretch = load + np.sign(load) * np.maximum(np.abs(load) - slack, 0.0)
-    return stretch, -np.where(np.abs(load) > slack, 2.0, 1.0) * differentiate(stretch, motion.rate)
+    stretch = _stretch(load, slack)
+    return stretch, -_stretch_slope(load, slack) * differentiate(stretch, motion.rate)
 
 
 def _gives(motion: Motion, place: Place, beta: Vector, shape: Shape) -> Motion:
     """Turn a motor by what its known cable gives, where the joints alone say where it is: it rubs at its own speed."""
-    if not motion.joints_measured or motion.motors_measured:
+    if not motion.joints_alone:
         return motion
     i = place.index[0]
     return _turned(motion, i, beta[:2] @ _travels(motion, motion.clear_torque[:, i], shape[0] if shape else np.inf))
@@ -869,12 +879,11 @@ def _compliant(motion: Motion, i: int, slack: float = np.inf) -> Columns:
     """
     from .signals_filters import differentiate
 
-    felt_alone = motion.joints_measured and not motion.motors_measured
-    seen = _travels(motion, (motion.clear_torque if felt_alone else motion.cable_torque)[:, i], slack)
+    seen = _travels(motion, (motion.clear_torque if motion.joints_alone else motion.cable_torque)[:, i], slack)
     if not motion.joints_measured:
         return _stack([_moved(motion, x, i, None) for x in seen])
-    slope = np.where(np.abs(motion.cable_torque[:, i]) > slack, 2.0, 1.0)
-    speed = differentiate(_travels(motion, motion.clear_torque[:, i], slack)[0], motion.rate)
+    slope = _stretch_slope(motion.cable_torque[:, i], slack)
+    speed = differentiate(_stretch(motion.clear_torque[:, i], slack), motion.rate)
     turns = [differentiate(speed, motion.rate), -differentiate(slope * differentiate(speed, motion.rate), motion.rate)]
     rotor = np.eye(motion.model.n_motors)[i] * motion.model.rotor_inertia[i] / motion.model.arm_scale[i]
     return _stack([_moved(motion, x, i, np.outer(turn, rotor)) for x, turn in zip(seen, turns, strict=True)])

@@ -53,9 +53,11 @@ def rubs_everywhere(search: Search, bank: Bank, found: Sequence[Candidate], leas
     if rigid.deviance - patch <= whole:
         return False
     rubbing = {(c.place.A, c.place.B) for c in all_found if _rubs(c)}
+    if 2 * len(rubbing) >= len(axes):
+        return True
     scores = zip(bank.laws.candidates, search.score_all(alone, bank.laws), strict=True)
     law = max((score.statistic for c, score in scores if not _rubs(c)), default=0.0)
-    return 2 * len(rubbing) >= len(axes) or bool(alone.deviance - law > whole)
+    return bool(alone.deviance - law > whole)
 
 
 def _rubs(candidate: Candidate) -> bool:

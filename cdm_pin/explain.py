@@ -166,15 +166,14 @@ def explain(
         if not turn and grown and rubs_everywhere(search, bank, grown):
             return _everything(search, bank, say)
         accepted = patch(search, bank, grown) or grown
-        if accepted is not grown and _has_a_name(search, bank, grown, accepted):
+        if accepted is grown:
+            if len(grown) < search.settings.at_once:
+                break
+        elif _has_a_name(search, bank, grown, accepted):
             accepted = grown
-            continue
-        if accepted is not grown and (law := _beside_looser(search, bank, grown, accepted)) is not None:
+        elif (law := _beside_looser(search, bank, grown, accepted)) is not None:
             search, accepted = law
             bank = search.renewed(bank)
-            continue
-        if len(grown) < search.settings.at_once and accepted is grown:
-            break
     say("rivals", 0.9)
     kept = prune(search, accepted)
     left = unnamed(search, search.renewed(bank), kept) if len(kept) < len(accepted) else None
@@ -341,10 +340,15 @@ def _simplest_at(explanation: Explanation, j: int, taken: Sequence[tuple[str, st
     """Give the simplest law that may stand for finding `j`; one that friction cannot be gives way to the next best."""
     search, found, lead = explanation.search, explanation.found[j], 0.0
     best = _plainest(explanation, j)
-    rivals = [(c, d) for c, d in found.rivals if c.key not in taken and c.named == best.named]
     without = search.without(explanation.fit, j)
-    rivals = [(c, d) for c, d in rivals if c.is_plausible(search.score(without, c).beta, without.effects)]
-    rivals = [(c, d) for c, d in rivals if not drives(search, without, c)]
+    rivals = [
+        (c, d)
+        for c, d in found.rivals
+        if c.key not in taken
+        and c.named == best.named
+        and c.is_plausible(search.score(without, c).beta, without.effects)
+        and not drives(search, without, c)
+    ]
     here = {c.key for c, _ in rivals if c.place.location == best.place.location}
     if best.named and not best.is_plausible(search.score(without, best).beta, without.effects):
         least = -ABOUT * found.gain
@@ -485,14 +489,14 @@ def next_law(search: Search, bank: Bank, accepted: list[Candidate], withdrawn: S
 
     Not one that something explains away which was withdrawn: it would only stand for that, and less well.
     """
-    fit, own = search.fit(accepted), {c.key for c in accepted}
-    gone = [c for c in withdrawn if c.key not in own]
+    fit, own, but = search.fit(accepted), {c.key for c in accepted}, {c.key for c in withdrawn}
+    gone = [(c, gain(search, fit, c, search.score(fit, c))) for c in withdrawn if c.key not in own]
     for candidate, score, weight in _leaders(search, fit, bank, 6, accepted):
-        if any(c.key == candidate.key for c in withdrawn) or not _passes(search, candidate, score, weight, fit):
+        if candidate.key in but or not _passes(search, candidate, score, weight, fit):
             continue
         candidate, score = search.refine(fit, candidate)
         worth = gain(search, fit, candidate, score)
-        more = [c for c in gone if gain(search, fit, c, search.score(fit, c)) > worth + search.settings.close]
+        more = [c for c, its in gone if its > worth + search.settings.close]
         besides = [search.fit([*accepted, c], fit.whitener) for c in more]
         if all(gain(search, f, candidate, search.score(f, candidate)) > 0.5 * worth for f in besides):
             return candidate

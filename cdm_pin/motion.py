@@ -235,6 +235,11 @@ class Motion:
     swing: Swing | None = None
 
     @property
+    def joints_alone(self) -> bool:
+        """Whether nothing but the joints' encoders says where the motors are."""
+        return self.joints_measured and not self.motors_measured
+
+    @property
     def n(self) -> int:
         """Number of samples."""
         return len(self.time)
@@ -392,9 +397,9 @@ class Motion:
 
     def stretched(self, travel: Vector | None) -> Motion:
         """Give the motion with motors turned by `travel` (n, n_motors) from where the joints say that they are."""
-        old, new = (np.zeros_like(self.q_m) if x is None else x for x in (self.stretch, travel))
         if self.stretch is None and travel is None:
             return self
+        old, new = (np.zeros_like(self.q_m) if x is None else x for x in (self.stretch, travel))
         change = new - old
         speeds = self.v_m + derivatives(change, self.rate)[0]
         return replace(self, q_m=self.q_m + change, v_m=speeds, stretch=travel)

@@ -170,10 +170,11 @@ def random_motion(problem: Problem, rng: np.random.Generator, duration: float, s
             out[:, j] = 0.5 * (low[j] + high[j]) + mask * (out[:, j] - 0.5 * (low[j] + high[j]))
     v, a = _derivative(out, rate, 1), _derivative(out, rate, 2)
     m = model.motor_from_joint.T
-    return replace(
-        first, time=t, q=out, v=v, a=a, q_m=model.motor_position(out), v_m=v @ m, a_m=a @ m, index=-1,
-        extra_joint=None, extra_motor=None, extra_driven=None, shift=None, stretch=None, map_errors=(), springs=(),
-        drags=(), motor_drags=(), felt=None, swing=None,
+    return Motion(
+        model=first.model, time=t, q=out, v=v, a=a, q_m=model.motor_position(out), v_m=v @ m, a_m=a @ m, index=-1,
+        joints_measured=first.joints_measured, motors_measured=first.motors_measured, offset=first.offset,
+        tilt=first.tilt, velocity_noise=first.velocity_noise, pretension=first.pretension,
+        inertia_noise=first.inertia_noise,
     )  # fmt: skip
 
 

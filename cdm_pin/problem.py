@@ -244,10 +244,13 @@ class Problem:
         to_joints, largest = np.abs(self.model.joint_from_motor), []
         shares = {"joint_position": np.eye(len(to_joints)), "motor_position": to_joints}
         for run in self.runs:
-            own = {side: np.sqrt(12.0) * noise for side, noise in run.signals.noise.items()}
-            steps = {side: np.where(x > 0.0, x, own.get(side, 0.0)) for side, x in run.signals.steps.items()}
-            steps = own | steps
-            largest.append(float(np.sum([w @ steps[side] for side, w in shares.items() if side in own], axis=0)[joint]))
+            noise, steps = run.signals.noise, run.signals.steps
+            sides = [
+                share @ np.where(steps[side] > 0.0, steps[side], np.sqrt(12.0) * noise[side])
+                for side, share in shares.items()
+                if side in noise
+            ]
+            largest.append(float(np.sum(sides, axis=0)[joint]))
         return max(largest)
 
     def reduce(self, columns: Callable[[Motion], Columns]) -> list[Lines]:
