@@ -97,7 +97,7 @@ def _where(diagnosis: Mapping[str, Any], evidence: Evidence, model: CableModel) 
     if diagnosis.get("unexplained"):
         marked.append({"effect": "unexplained", **diagnosis["unexplained"]})
     places = [entry.get("location") or {} for entry in marked]
-    caption = "; ".join(f"{k}: {_named(entry)}" for k, entry in enumerate(marked, 1)) or "no place stands out"
+    caption = "; ".join(f"{k}: {_named(entry)}" for k, entry in enumerate(marked, 1)) or "No place stands out"
     html = figure(robot_picture(model, places), f"Circles: joints; squares: motors. {caption}")
     units = evidence.runs[0].units if evidence.runs else ("N m",)
     rows = figures.rows(model.joint_from_motor, evidence.noise_floor, units)

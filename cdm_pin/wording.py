@@ -116,10 +116,9 @@ def _missing(diagnosis: Content) -> list[str]:
 
 
 def _consistent(diagnosis: Content) -> list[str]:
-    floor = _error(diagnosis)
-    reached = f", down to the noise floor ({floor})" if floor else ""
+    left = _error_left(diagnosis)
     return [
-        f"nothing is missing above the sensitivities listed: rigid links and ideal cables explain the torques{reached}",
+        f"nothing is missing above the sensitivities listed: rigid links and ideal cables explain the torques{left}",
         changed_masses(diagnosis),
         _to_find_out(diagnosis),
     ]
@@ -273,8 +272,8 @@ def improvement(diagnosis: Content, by: str = "") -> str:
     text = f"with {by or ('it' if len(diagnosis.get('findings') or []) < 2 else 'them')}, "
     text += f"{_ERRORS.get(unit, 'position')} error{of_motor} on the {name} "
     text += f"falls from {number(rigid[k])} to {number(augmented[k])} {unit}"
-    if k < len(floor) and floor[k]:
-        reached = augmented[k] <= 1.15 * floor[k]
+    reached = _is_reached(augmented, floor, k)
+    if reached is not None:
         text += ", the noise floor" if reached else f", where the noise floor is {number(floor[k])}"
     return text
 
@@ -380,14 +379,23 @@ def _judged(diagnosis: Content) -> tuple[str, Content]:
     return ("unseen run", fit["holdout"]) if fit.get("holdout") else ("same recordings", fit.get("train") or {})
 
 
-def _error(diagnosis: Content) -> str:
-    """Give the largest error of the fit that judges, in words."""
+def _error_left(diagnosis: Content) -> str:
+    """Say how large the largest error of the fit that judges is, beside the noise floor."""
     name, fit = _judged(diagnosis)
-    values = [value for value in fit.get("rmse_rigid") or [] if isinstance(value, (int, float))]
-    if not values:
+    values, floor = (fit.get(key) or [] for key in ("rmse_rigid", "noise_floor"))
+    known = [k for k, value in enumerate(values) if isinstance(value, (int, float))]
+    if not known:
         return ""
-    k = values.index(max(values))
-    return f"{number(values[k])} {_unit(diagnosis, k)} on the {name}"
+    k = max(known, key=lambda k: values[k])
+    size, unit = number(values[k]), _unit(diagnosis, k)
+    if _is_reached(values, floor, k) is False:
+        return f", to {size} {unit} on the {name}, where the noise floor is {number(floor[k])}"
+    return f", down to the noise floor ({size} {unit} on the {name})"
+
+
+def _is_reached(values: Sequence[float], floor: Sequence[float], k: int) -> bool | None:
+    """Tell whether an error is the noise floor; None where that is not known."""
+    return values[k] <= 1.15 * floor[k] if k < len(floor) and floor[k] else None
 
 
 def _unit(diagnosis: Content, motor: int) -> str:

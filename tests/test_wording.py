@@ -70,6 +70,13 @@ def test_consistent_names_the_floor_and_the_changed_masses(found):
     )
 
 
+def test_consistent_says_where_the_floor_is_not_reached(found):
+    """An error above the noise floor is not called the noise floor."""
+    found.update(verdict="consistent", findings=[], next_experiment=None)
+    found["fit"]["holdout"] |= {"rmse_rigid": [0.02, 0.05, 0.02], "noise_floor": [0.02, 0.02, 0.02]}
+    assert "explain the torques, to 0.05 N m on the unseen run, where the noise floor is 0.02;" in sentence(found)
+
+
 def test_unexplained_says_where_and_names_no_known_effect(found):
     """A remainder is placed and sized; the sentence claims no effect of the catalogue."""
     found.update(verdict="unexplained", findings=[], next_experiment=None)
