@@ -353,10 +353,10 @@ def cable_places(model: CableModel) -> list[Place]:
 
 
 def cable_joint_places(model: CableModel) -> list[Place]:
-    """Every cable at every joint that it passes; by E alone only the motor of a joint is known to pass it."""
+    """Every cable at every joint that it passes; by E alone a cable may pass any, as encoders on both sides tell."""
     passes = np.abs(model.motor_from_joint) > 1e-12
     if not model.manipulator.links:
-        passes &= np.eye(model.n_motors, model.n_joints, dtype=bool)
+        passes[:] = True
     return [
         Place({"kind": "cable", "index": i + 1, "joint": k + 1}, index=(i, k))
         for i in range(model.n_motors)
@@ -792,6 +792,8 @@ def _misled(motion: Motion, i: int, k: int, travel: Vector, slope: Vector | floa
 
 def _ratio(motion: Motion, place: Place, shape: Shape) -> Columns:
     i, k = place.index
+    if i != k and not motion.model.manipulator.links and not (motion.joints_measured and motion.motors_measured):
+        return Columns()  # torques alone do not tell which joints a cable passes
     return _misled(motion, i, k, motion.joint_angles[:, k], 1.0, motion.a[:, k])
 
 
@@ -926,6 +928,25 @@ def _crossing_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
 def _crossing_bounds(motions: Sequence[Motion], place: Place) -> list[tuple[float, float]]:
     most = _greatest_load(motions, place) or 1.0
     return [(0.001 * most, 0.03 * most)]
+
+
+def _cable_run(motion: Motion, i: int) -> Vector:
+    """Give how far cable i has run by its motor, beyond what the joints that it only passes take, shape (n,) [rad]."""
+    passes = motion.model.motor_from_joint[i].copy()
+    passes[np.argmax(np.abs(passes))] = 0.0
+    return (motion.q_m[:, i] - motion.q @ passes) * motion.model.arm_scale[i]
+
+
+def _lost(motion: Motion, place: Place, shape: Shape) -> Columns:
+    """Column of a cable's travel that follows where its motor turned last, per half of what is lost at a reversal."""
+    if motion.torque_measured:
+        return Columns()  # the torque tells on which side a cable lies
+    i = place.index[0]
+    return _moved(motion, maxwell(_cable_run(motion, i), shape[0], 1.0), i, None)
+
+
+def _cable_range(motions: Sequence[Motion], place: Place) -> float:
+    return float(np.ptp(np.concatenate([_cable_run(m, place.index[0]) for m in motions]))) or 1.0
 
 
 def _slack(motion: Motion, place: Place, shape: Shape) -> Columns:
@@ -1511,6 +1532,20 @@ CATALOGUE: dict[str, Effect] = {
             revealed_by="small reversals under a bias load, encoders on both sides",
             nuisance_shape=1,
             reference="Nordin, Gutman, Automatica 38(10), 2002",
+        ),
+        Effect(
+            "lost_motion",
+            (Parameter("half_gap", _RAD, 0.0), Parameter("distance", _RAD, 0.0)),
+            cable_places,
+            _lost,
+            lambda beta, shape: {"half_gap": float(beta[0]), "distance": shape[0]},
+            lambda m, p: [(share * _cable_range(m, p),) for share in (0.02, 0.06, 0.15)],
+            lambda m, p: [(0.002 * _cable_range(m, p), 0.5 * _cable_range(m, p))],
+            (1,),
+            confounded=("backlash", "transmission_ratio_error"),
+            revealed_by="torque of the motors beside both encoders",
+            inverse=lambda p: ([p["half_gap"]], [p["distance"]]),
+            reference="stop operator: Brokate, Sprekels, Hysteresis and Phase Transitions, 1996",
         ),
         Effect(
             "cable_slack",

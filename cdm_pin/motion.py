@@ -220,6 +220,7 @@ class Motion:
     pretension: float | None = None
     index: int = 0
     inertia_noise: Vector | None = None
+    torque_measured: bool = True
     extra_joint: Vector | None = None
     extra_motor: Vector | None = None
     offset: Vector | None = None

@@ -174,7 +174,7 @@ def random_motion(problem: Problem, rng: np.random.Generator, duration: float, s
         model=first.model, time=t, q=out, v=v, a=a, q_m=model.motor_position(out), v_m=v @ m, a_m=a @ m, index=-1,
         joints_measured=first.joints_measured, motors_measured=first.motors_measured, offset=first.offset,
         tilt=first.tilt, velocity_noise=first.velocity_noise, pretension=first.pretension,
-        inertia_noise=first.inertia_noise,
+        inertia_noise=first.inertia_noise, torque_measured=first.torque_measured,
     )  # fmt: skip
 
 

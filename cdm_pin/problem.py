@@ -410,11 +410,22 @@ def _sharp(model: CableModel, signals: Signals, q: Vector, share: float = 0.01) 
     return float(min(wide, 0.2 * signals.rate))
 
 
+def _quieter(model: CableModel, signals: Signals, q: Vector, q_m: Vector) -> Vector:
+    """Give positions of the joints by that side which measures each with less noise, shape (n, n_joints) [rad].
+
+    Noise that columns share with the travel would look like travel in proportion to them.
+    """
+    by_motors = np.sqrt(model.joint_from_motor**2 @ signals.noise["motor_position"] ** 2)
+    return np.where(by_motors < signals.noise["joint_position"], model.joint_position(q_m), q)
+
+
 def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinematic: bool, index: int) -> Run:
     rate, lightly = signals.rate, light(band.cutoff, signals.rate)
     q_raw, q_m_raw = both_positions(model, signals.logged)
-    sharp = max(lightly, _sharp(model, signals, q_raw))
     travel = q_m_raw - model.motor_position(q_raw)
+    if kinematic and not torque:
+        q_raw = _quieter(model, signals, q_raw, q_m_raw)
+    sharp = max(lightly, _sharp(model, signals, q_raw))
     if kinematic and not _parted(travel, band, signals, model):
         q_m_raw = model.motor_position(
             q_raw
@@ -439,6 +450,7 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
         pretension=signals.recording.pretension or model.manipulator.pretension,
         index=index,
         inertia_noise=inertia_noise(model, signals) if torque else None,
+        torque_measured=torque,
     )
     if torque and "joint_position" not in signals.logged:
         felt = Felt(measured_torques(model, signals.logged), q_m_raw, (sharp, min(lightly, band.slow)), signals.valid)

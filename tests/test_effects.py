@@ -32,6 +32,7 @@ PARAMETERS = {
     "joint_spring": {"stiffness": 2.0, "rest": 0.3, "cubic": 0.7},
     "cable_elasticity": {"stiffness": 120.0, "damping": 0.5},
     "backlash": {"half_gap": 0.01},
+    "lost_motion": {"half_gap": 0.01, "distance": 0.2},
     "cable_slack": {"torque": 1.5, "stiffness": 120.0},
     "transmission_ratio_error": {"relative_error": 0.04},
     "transmission_coupling": {"ratio": 0.4, "inertia": 0.01, "viscous": 0.02, "coulomb": 0.1},

@@ -1,6 +1,7 @@
 """The search's parts: spectra free of what a fit takes, motors that rub, travel alone, what to record next."""
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -138,6 +139,36 @@ def test_two_positions_without_torque_make_a_kinematic_diagnosis(tmp_path):
     value = finding["parameters"]["relative_error"]["value"]
     assert value == pytest.approx(truth["effects"][0]["parameters"]["relative_error"], rel=0.01)
     assert content["fit"]["unit"] == "rad"
+
+
+def _wrist(seed: int, lost: float, coupling: float) -> Recording:
+    """Motors at rest at way points and where a camera sees their joints: cable 6 slips, joint 6 moves joint 5."""
+    rng, t = np.random.default_rng(seed), np.arange(0.0, 600.0, 0.4)
+    way = [np.sin(w * t + 1.3 * k) + 0.4 * np.sin(2.7 * w * t) for k, w in enumerate(np.linspace(0.1, 0.25, 6))]
+    q_m = np.stack(way, axis=1) * [1.0, 0.5, 0.05, 1.0, 1.0, 1.0] + [0.0, 0.0, 0.12, 0.0, 0.0, 0.0]
+    q = q_m.copy()
+    for k in range(1, len(t)):  # a joint stays where it is until its cable has taken up what was lost
+        q[k, 5] = np.clip(q[k - 1, 5], q_m[k, 5] - lost, q_m[k, 5] + lost)
+    q[:, 4] -= coupling * q[:, 5]
+    noise = np.array([1e-3, 1e-3, 3e-4, 0.01, 0.01, 0.01])
+    return Recording(t, {"motor_position": q_m, "joint_position": q + noise * rng.normal(size=q.shape)})
+
+
+@pytest.mark.parametrize(
+    ("lost", "coupling", "expected"),
+    [
+        (0.1, 0.0, {("lost_motion", 6): ("half_gap", 0.1)}),
+        (0.0, 0.2, {("transmission_ratio_error", 5): ("relative_error", 0.2)}),
+        (0.0, 0.0, {}),
+    ],
+)
+def test_where_a_wrist_stands_tells_of_lost_motion_and_of_coupling(lost, coupling, expected):
+    """Positions alone, of a robot by its E: what the camera's noise shares with the joints is no ratio error."""
+    model = load_model(Path(__file__).parents[1] / "urdf" / "real" / "psm_serial.yaml")
+    found = diagnose(model, [_wrist(0, lost, coupling)], [_wrist(1, lost, coupling)]).content["findings"]
+    assert {(f["effect"], f["location"]["index"]) for f in found} == set(expected)
+    for finding, (name, value) in zip(found, expected.values(), strict=True):
+        assert finding["parameters"][name]["value"] == pytest.approx(value, rel=0.05)
 
 
 def test_a_stated_payload_is_no_discovery(tmp_path):
