@@ -57,6 +57,8 @@ FAR = 10.0
 """How many times its noise what a fit leaves has to be for one law that explains it wholly to need no more."""
 WHOLE = 0.95
 """Share that is as good as all of it."""
+ODD = 4.0
+"""By how much log-evidence likelier what turns at a ratio of its own with two axes must be than what turns with one."""
 PREFERENCE = 2.0
 """By how much log-likelihood less a simpler law, dry friction above all, is named nevertheless."""
 
@@ -705,7 +707,7 @@ def evidence(search: Search, without: Fit, candidate: Candidate, size: float) ->
     Before the data are seen, each coefficient may bring a torque as large as that which is explained, `size`, the
     whitened sum of squares: a refinement that the data hardly see costs nothing, one that they would see well costs as
     much as it could have been off. What refines dry friction has coefficients as large as its own. What is estimated of
-    the shape counts as it does in Akaike's criterion.
+    the shape counts as it does in Akaike's criterion, but a ratio of speeds, which may be anything, as `ODD`.
     """
     columns = search.white(without.whitener, search.columns(candidate))
     norm = np.linalg.norm(columns, axis=1, keepdims=True)
@@ -715,7 +717,8 @@ def evidence(search: Search, without: Fit, candidate: Candidate, size: float) ->
         left[own] *= np.minimum(norm[own] / norm[0], 1.0)
     room = float(np.linalg.slogdet(np.eye(len(left)) + max(size, 1.0) * left @ left.T)[1])
     score = confined(without, candidate, columns, freed(search, without, candidate, search.score(without, candidate)))
-    return 0.5 * score.statistic - 0.5 * room - candidate.extra
+    own_ratio = candidate.place.is_pair or candidate.effect.name == "transmission_coupling"
+    return 0.5 * score.statistic - 0.5 * room - candidate.extra - ODD * own_ratio
 
 
 def confined(fit: Fit, candidate: Candidate, columns: Vector, score: Score) -> Score:

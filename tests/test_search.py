@@ -141,6 +141,14 @@ def test_two_positions_without_torque_make_a_kinematic_diagnosis(tmp_path):
     assert content["fit"]["unit"] == "rad"
 
 
+def test_weak_friction_of_one_motor_is_not_called_that_of_two(tmp_path):
+    """A ratio of speeds that noise makes a little likelier than none is none: the place is the motor."""
+    settings = {"visibility": 10.39, "bits": 14, "effects": ["capstan_friction"], "duration": 60.0}
+    model, runs, unseen, _ = loaded_trial(tmp_path, 92625798427696, **settings)
+    (finding,) = diagnose(model, runs, unseen).content["findings"]
+    assert (finding["effect"], finding["location"]) == ("coulomb_friction", {"kind": "motor", "index": 2})
+
+
 def _wrist(seed: int, lost: float, coupling: float) -> Recording:
     """Motors at rest at way points and where a camera sees their joints: cable 6 slips, joint 6 moves joint 5."""
     rng, t = np.random.default_rng(seed), np.arange(0.0, 600.0, 0.4)
