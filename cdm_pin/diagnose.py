@@ -271,6 +271,11 @@ def _likelihood(search: Search, effects: Sequence[Candidate]) -> float:
     return log_likelihood(noise, search.problem.segments) - 0.5 * np.log(search.fit(effects, noise).n_rows) * size
 
 
+def _swing_gain(search: Search, fit: Fit, without: Fit) -> float:
+    """Give the penalised log-likelihood that links which swing on a soft cable gain over those on a rigid one."""
+    return _likelihood(search, fit.effects) - _likelihood(search.stiff, without.effects)
+
+
 def _validated(seen: Problem | None, explanation: Explanation) -> tuple[Search | None, Explanation]:
     """Keep of an explanation what the unseen recordings confirm; give the search on them, about the same model, too."""
     if seen is None:
@@ -524,6 +529,8 @@ def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
         return True
     without = explanation.search.without(fit, j)
     if fit.effects[j].is_swinging(explanation.search.problem.motions[0]):  # its columns say nothing of a rigid cable
+        if _swing_gain(explanation.search, fit, without) <= 0.0:
+            return False
         rigid = explanation.search.stiff.fit(list(without.effects))
         level = np.maximum(noise_floor(judge, fit.effects), 1e-12)
         rest = judge.still(errors(judge.stiff, rigid.base, rigid.effects, rigid.beta))
@@ -708,7 +715,7 @@ def _finding(
     if candidate.is_swinging(search.problem.motions[0]):  # its columns say nothing of a cable that is rigid
         others = list(without.effects)
         without, there = search.stiff.fit(others), judge.stiff if judge is not None else None
-        delta_bic = 2 * (_likelihood(search, fit.effects) - _likelihood(search.stiff, others))
+        delta_bic = 2 * _swing_gain(search, fit, without)
     if judge is not None and there is not None:
         rests = [errors(s, f.base, f.effects, f.beta) for s, f in ((judge, fit), (there, without))]
         level = np.maximum(rms(judge, rests[0]), 1e-12)

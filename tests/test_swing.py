@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from trials import loaded_trial
 
-from cdm_pin.diagnose import diagnose
+from cdm_pin.diagnose import _helps, diagnose
 from cdm_pin.effects import CATALOGUE, Candidate, loaded, passed
 from cdm_pin.motion import leaping
 from cdm_pin.problem import make_problem
@@ -112,15 +112,20 @@ def test_columns_of_the_soft_cable_are_derivatives_of_what_its_motion_asks_for(m
         assert np.linalg.norm(own - known) < 0.02 * np.linalg.norm(known)
 
 
-def test_a_resonance_in_the_band_is_told_from_the_motors_alone(soft):
+def test_a_resonance_in_the_band_is_told_from_the_motors_alone(soft, monkeypatch):
+    """It would not be if links that swing made the training no likelier, whatever they do on the unseen run."""
     model, runs, unseen, truth = soft
-    content = diagnose(model, runs, unseen).content
+    result = diagnose(model, runs, unseen)
+    content = result.content
     (finding,) = content["findings"]
     assert (finding["effect"], finding["location"]) == ("cable_elasticity", {"kind": "cable", "index": 1})
     known = truth["effects"][0]["parameters"]
     assert finding["parameters"]["stiffness"]["value"] == pytest.approx(known["stiffness"], rel=0.02)
     fit = content["fit"]["holdout"]
     assert np.all(np.array(fit["rmse_augmented"]) < 1.2 * np.array(fit["noise_floor"]))
+    assert _helps(result.holdout, result.explanation, 0)
+    monkeypatch.setattr("cdm_pin.diagnose._swing_gain", lambda *_: -1.0)
+    assert not _helps(result.holdout, result.explanation, 0)
 
 
 def played(lag=0.0, gap=0.01, rate=200.0):
