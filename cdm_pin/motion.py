@@ -178,6 +178,8 @@ class Motion:
         Which recording it is.
     inertia_noise : ndarray, shape (n_motors,), optional
         Noise of positions, as if white, times the inertia that each motor feels; none if not given [N m s^2].
+    torque_measured : bool
+        Whether the motors' torques were logged.
     extra_joint, extra_motor : ndarray, optional
         Torques beside the rigid body's, at the joints, shape (n, n_joints), and at the motors, shape (n, n_motors)
         [N m].
