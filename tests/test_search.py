@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 from arms import planar_content
 from scipy.spatial.transform import Rotation
 from trials import loaded_trial
@@ -24,6 +25,7 @@ from cdm_pin.recording import Recording, load_recording
 from cdm_pin.selection import Score, Search, Settings, all_candidates, rms, tones
 from cdm_pin.signals_filters import differentiate, lowpass
 from cdm_pin.spectra import spectrum, stands_out, whitener_of
+from cdm_pin.urdf import generate_urdf
 from cdm_pin.whitening import Lines, Whitener
 
 CAPSTAN = {"n_links": 2, "positions": "joint", "bits": 17, "noise": "white", "motion": "prescribed", "duration": 30.0}
@@ -177,6 +179,34 @@ def test_where_a_wrist_stands_tells_of_lost_motion_and_of_coupling(lost, couplin
     assert {(f["effect"], f["location"]["index"]) for f in found} == set(expected)
     for finding, (name, value) in zip(found, expected.values(), strict=True):
         assert finding["parameters"][name]["value"] == pytest.approx(value, rel=0.05)
+
+
+def test_a_coupling_that_the_map_lacks_is_named_beside_torques(tmp_path):
+    """A robot by its E, in which motor 3 does not know that it also runs with joint 2."""
+    settings = {"effects": 0, "positions": "both", "n_links": 3, "noise": "white", "bits": 17, "duration": 30.0}
+    model, runs, unseen, _ = loaded_trial(tmp_path, 3, **settings)
+    lacking = model.motor_from_joint * (1.0 - np.outer([0, 0, 1], [0, 1, 0]))
+    (tmp_path / "arm.urdf").write_text(generate_urdf(model.manipulator))
+    content = {
+        "name": "arm",
+        "urdf": "arm.urdf",
+        "gravity": [float(x) for x in model.chain.gravity],
+        "transmission": {
+            "joints": list(model.joints),
+            "motors": list(model.motors),
+            "joint_from_motor": np.linalg.inv(lacking).tolist(),
+            "offset": model.offset.tolist(),
+        },
+    }
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(content))
+    robot = load_model(tmp_path / "robot.yaml")
+    (finding,) = diagnose(robot, runs, unseen).content["findings"]
+    assert (finding["effect"], finding["location"]) == (
+        "transmission_ratio_error",
+        {"kind": "cable", "index": 3, "joint": 2},
+    )
+    missing = model.motor_from_joint[2, 1] * robot.arm_scale[2]
+    assert finding["parameters"]["relative_error"]["value"] == pytest.approx(missing, rel=0.01)
 
 
 def test_a_stated_payload_is_no_discovery(tmp_path):
