@@ -779,11 +779,24 @@ def _map_torque(motion: Motion, i: int, k: int, slope: Vector | float) -> Vector
     return -(motion.cable_torque[:, i] * slope)[:, None] * E[k]
 
 
+def _entry(model: CableModel, i: int, k: int) -> float:
+    """Give the entry of joint k in the map of motor i, which errors are relative to; without one, of its own joint.
+
+    Travel of cables over pulleys counts as the angle of the link that is driven, in which each joint's entry is one.
+    """
+    if model.manipulator.links:
+        return 1.0
+    entries = model.motor_from_joint[i]
+    return float(entries[k] if abs(entries[k]) > 1e-12 else entries[np.argmax(np.abs(entries))])
+
+
 def _misled(motion: Motion, i: int, k: int, travel: Vector, slope: Vector | float, turn: Vector) -> Columns:
     """Columns of a cable i that runs `travel` more, `slope` per angle of joint k; `turn` is how that accelerates.
 
     Where the joints are measured the motor's rotor turns with it, unseen.
     """
+    entry = _entry(motion.model, i, k)
+    travel, slope, turn = entry * travel, entry * slope, entry * turn
     torque = _map_torque(motion, i, k, slope)
     if motion.joints_measured:
         torque[:, i] += motion.model.rotor_inertia[i] / motion.model.arm_scale[i] * turn
@@ -818,14 +831,14 @@ def _wrong_map(travel: Callable[[Vector, Vector], tuple[Vector, Vector]]):
 
     def moves(motion: Motion, place: Place, beta: Vector, shape: Shape) -> Motion:
         i, k = place.index
-        E, scale = motion.model.joint_from_motor, motion.model.arm_scale
+        E, scale, entry = motion.model.joint_from_motor, motion.model.arm_scale, _entry(motion.model, i, k)
         known = np.zeros_like(motion.q) if motion.shift is None else motion.shift
         shift, own = known, np.zeros(motion.n)
         q = motion.joint_angles[:, k] - known[:, k]
         for _ in range(1 if motion.joints_measured else 4):
-            own, slope = travel(q + shift[:, k], beta)
+            own, slope = (entry * x for x in travel(q + shift[:, k], beta))
             shift = known - (own / scale[i])[:, None] * E[:, i]
-        if np.abs(slope).max() > LARGE_SLOPE:
+        if np.abs(slope).max() > LARGE_SLOPE * abs(entry):
             return motion
         motion = replace(motion, map_errors=(*motion.map_errors, (i, k, slope)))
         if not motion.joints_measured:

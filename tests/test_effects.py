@@ -1,6 +1,7 @@
 """The catalogue: parameters there and back, places, columns, and the completed model run forward."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from scipy.linalg import null_space
 
 from cdm_pin.base import base_parameters
 from cdm_pin.completed import added_torque, effect_candidates, find_place
-from cdm_pin.effects import CATALOGUE, DRAGS, Candidate, creeping, dahl, delayed, loaded, maxwell
+from cdm_pin.effects import CATALOGUE, DRAGS, Candidate, _entry, creeping, dahl, delayed, loaded, maxwell
 from cdm_pin.errors import ManipulatorError
 from cdm_pin.manipulator import parse_manipulator, with_effects
 from cdm_pin.model import build_model, load_model
@@ -80,6 +81,16 @@ def make_motion(model, duration=8.0, rate=200.0, **options):
 @pytest.fixture(scope="module")
 def arm():
     return load_model("urdf/planar3.yaml")
+
+
+def test_errors_of_a_map_are_relative_to_its_entries():
+    """Those of a robot with gears; a coupling that the map lacks is relative to the motor's own joint."""
+    model = build_model(parse_manipulator(planar_content(2, 3)))
+    geared = SimpleNamespace(
+        manipulator=SimpleNamespace(links=()), motor_from_joint=np.array([[50.0, 0.0], [-20.0, 80.0]])
+    )
+    assert [_entry(geared, i, k) for i, k in ((0, 0), (0, 1), (1, 0), (1, 1))] == [50.0, 50.0, -20.0, 80.0]
+    assert _entry(model, 1, 0) == 1.0
 
 
 def test_every_effect_has_an_example():

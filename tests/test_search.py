@@ -205,7 +205,7 @@ def test_a_coupling_that_the_map_lacks_is_named_beside_torques(tmp_path):
         "transmission_ratio_error",
         {"kind": "cable", "index": 3, "joint": 2},
     )
-    missing = model.motor_from_joint[2, 1] * robot.arm_scale[2]
+    missing = model.motor_from_joint[2, 1] / np.abs(model.motor_from_joint[2]).max()
     assert finding["parameters"]["relative_error"]["value"] == pytest.approx(missing, rel=0.01)
 
 
