@@ -713,8 +713,7 @@ def _finding(
     candidate, reduction, delta_bic = found.candidate, None, fi.refit_gain(found)
     without, there = search.without(fit, j), judge
     if candidate.is_swinging(search.problem.motions[0]):  # its columns say nothing of a cable that is rigid
-        others = list(without.effects)
-        without, there = search.stiff.fit(others), judge.stiff if judge is not None else None
+        without, there = search.stiff.fit(list(without.effects)), judge.stiff if judge is not None else None
         delta_bic = 2 * _swing_gain(search, fit, without)
     if judge is not None and there is not None:
         rests = [errors(s, f.base, f.effects, f.beta) for s, f in ((judge, fit), (there, without))]

@@ -354,9 +354,8 @@ def cable_places(model: CableModel) -> list[Place]:
 
 def cable_joint_places(model: CableModel) -> list[Place]:
     """Every cable at every joint that it passes; by E alone a cable may pass any, as encoders on both sides tell."""
-    passes = np.abs(model.motor_from_joint) > 1e-12
-    if not model.manipulator.links:
-        passes[:] = True
+    by_map = not model.manipulator.links
+    passes = by_map | (np.abs(model.motor_from_joint) > 1e-12)
     return [
         Place({"kind": "cable", "index": i + 1, "joint": k + 1}, index=(i, k))
         for i in range(model.n_motors)

@@ -274,10 +274,7 @@ def improvement(diagnosis: Content, by: str = "") -> str:
     text = f"with {by or ('it' if len(diagnosis.get('findings') or []) < 2 else 'them')}, "
     text += f"{_ERRORS.get(unit, 'position')} error{of_motor} on the {name} "
     text += f"falls from {number(rigid[k])} to {number(augmented[k])} {unit}"
-    reached = _is_reached(augmented, floor, k)
-    if reached is not None:
-        text += ", the noise floor" if reached else f", where the noise floor is {number(floor[k])}"
-    return text
+    return text + _short_of(augmented, floor, k, reached=", the noise floor")
 
 
 def changed_masses(diagnosis: Content) -> str:
@@ -390,14 +387,19 @@ def _error_left(diagnosis: Content) -> str:
         return ""
     k = max(known, key=lambda k: values[k])
     size, unit = number(values[k]), _unit(diagnosis, k)
-    if _is_reached(values, floor, k) is False:
-        return f", to {size} {unit} on the {name}, where the noise floor is {number(floor[k])}"
-    return f", down to the noise floor ({size} {unit} on the {name})"
+    short = _short_of(values, floor, k)
+    return (
+        f", to {size} {unit} on the {name}{short}"
+        if short
+        else f", down to the noise floor ({size} {unit} on the {name})"
+    )
 
 
-def _is_reached(values: Sequence[float], floor: Sequence[float], k: int) -> bool | None:
-    """Tell whether an error is the noise floor; None where that is not known."""
-    return values[k] <= 1.15 * floor[k] if k < len(floor) and floor[k] else None
+def _short_of(values: Sequence[float], floor: Sequence[float], k: int, reached: str = "") -> str:
+    """Say where the noise floor is if an error is above it; nothing where that is not known."""
+    if not (k < len(floor) and floor[k]):
+        return ""
+    return reached if values[k] <= 1.15 * floor[k] else f", where the noise floor is {number(floor[k])}"
 
 
 def _unit(diagnosis: Content, motor: int) -> str:

@@ -16,6 +16,8 @@ from pathlib import Path
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from blind_trial import published
+
 from cdm_pin.diagnose import diagnose
 from cdm_pin.files import write_text
 from cdm_pin.model import load_model
@@ -29,8 +31,7 @@ DURATIONS = (30.0, 60.0, 120.0, 240.0)
 def seconds(folder: Path) -> float:
     """Diagnose the trial of a folder: how long that takes, once all is compiled [s]."""
     model = load_model(folder / "manipulator.yaml")
-    kinds = [sorted(folder.glob(f"{kind}_*.csv")) for kind in ("run", "holdout")]
-    runs, unseen = ([load_recording(path, model) for path in own] for own in kinds)
+    runs, unseen = ([load_recording(path, model) for path in published(folder, kind)] for kind in ("run", "holdout"))
     for _ in range(2):
         begin = time.perf_counter()
         diagnose(model, runs, unseen)
@@ -73,7 +74,7 @@ def main() -> None:
         text = [
             "# Time of a diagnosis",
             "",
-            f"Written by `scripts/benchmark_diagnosis.py --trials {args.trials} --seed {args.seed} -o`: arms of three "
+            f"Written by `scripts/benchmark_diagnosis.py --trials {args.trials} --seed {args.seed}`: arms of three "
             "links as in the proof, 60 s at 200 Hz and as much unseen, the whole catalogue; one thread, start-up left "
             "out, nothing else running.",
             "",
