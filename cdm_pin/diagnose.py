@@ -669,7 +669,7 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
             "file": "next.csv",
             "change": experiment.change,
             "power": experiment.power,
-            "separates": [{"effect": c.effect.name, "location": c.location} for c in experiment.rivals],
+            "separates": [{"effect": c.name, "location": c.location} for c in experiment.rivals],
         }
     completed = completed_manipulator(model, search, fit, tuple(records), covariance)
     replays = replay_runs(search, judge, own_rigid, fit, completed)
@@ -684,7 +684,7 @@ def _unresolved(explanation: Explanation, items: Mapping[int, dict[str, Any]]) -
     out = []
     for j, item in items.items():
         listed = [(e["effect"], e["location"]) for e in item["indistinguishable_from"]]
-        out += [(j, c) for c, _ in explanation.found[j].rivals if (c.effect.name, c.location) in listed]
+        out += [(j, c) for c, _ in explanation.found[j].rivals if (c.name, c.location) in listed]
     return out[:2]
 
 
@@ -722,11 +722,11 @@ def _finding(
         reduction = 1 - float(np.sqrt(after / before))
     time = [candidate.shape[0], candidate.shape[1]] if candidate.effect.name == "external_torque" else None
     item = {
-        "effect": candidate.effect.name,
+        "effect": candidate.name,
         "location": candidate.location,
         "parameters": {
             name: v | {"unit": unit_at(search.problem.model, candidate.location, v["unit"], name)}
-            for name, v in values.items()
+            for name, v in candidate.parameters_said(search.problem.model, values).items()
             if name not in ("start", "end", "recording")
         },
         "evidence": {

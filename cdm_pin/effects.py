@@ -152,6 +152,8 @@ class Effect:
     leaves_open : callable, optional
         Motion, place, shape, coefficients -> what else it may bring, from torques of which its law may or may not
         speak.
+    centre : callable, optional
+        Coefficients -> the shape about which columns to first order are exact for them.
     reveals : callable, optional
         Motion, changes of the standard parameters, coefficients -> what these bring beside it and not without it.
     exact_travel : bool
@@ -184,6 +186,7 @@ class Effect:
     brakes: int = 0
     least: Callable[[Sequence[Motion], Place, Shape], Vector] | None = None
     leaves_open: Callable[[Motion, Place, Shape, Vector], Columns] | None = None
+    centre: Callable[[Vector], Shape] | None = None
     reveals: Callable[[Motion, Vector, Vector], Columns] | None = None
     detail: Callable[[Motion, Place, Shape, float], list[Vector]] | None = None
     confounded: tuple[str, ...] = ()
@@ -353,14 +356,16 @@ def cable_places(model: CableModel) -> list[Place]:
 
 
 def cable_joint_places(model: CableModel) -> list[Place]:
-    """Every cable at every joint that it passes; by E alone a cable may pass any, as encoders on both sides tell."""
+    """Every cable at every joint that it passes, and the motors at those joints with which they should not turn.
+
+    By E alone a cable may pass any joint.
+    """
     by_map = not model.manipulator.links
     passes = by_map | (np.abs(model.motor_from_joint) > 1e-12)
     return [
-        Place({"kind": "cable", "index": i + 1, "joint": k + 1}, index=(i, k))
+        Place({"kind": "cable" if passes[i, k] else "motor", "index": i + 1, "joint": k + 1}, index=(i, k))
         for i in range(model.n_motors)
         for k in range(model.n_joints)
-        if passes[i, k]
     ]
 
 
@@ -449,7 +454,17 @@ def _position(motion: Motion, place: Place) -> Vector:
     return place.along(motion.q, motion.q_m)
 
 
+class Presliding(float):
+    """Distance within which dry friction gives before it slides, in the place of the width of a sign [rad]."""
+
+
+PRESLIDING = (0.02, 0.1)
+"""Distances within which dry friction may give before it slides, over the width of its sign [s]."""
+
+
 def _sign(motion: Motion, place: Place, shape: Shape) -> Vector:
+    if isinstance(shape[0], Presliding):
+        return dahl(_position(motion, place), shape[0])
     return np.tanh(_speed(motion, place) / shape[0])
 
 
@@ -804,7 +819,8 @@ def _misled(motion: Motion, i: int, k: int, travel: Vector, slope: Vector | floa
 
 def _ratio(motion: Motion, place: Place, shape: Shape) -> Columns:
     i, k = place.index
-    if i != k and not motion.model.manipulator.links and not (motion.joints_measured and motion.motors_measured):
+    known = i == k or (motion.model.manipulator.links and place.location["kind"] == "cable")
+    if not known and not (motion.joints_measured and motion.motors_measured):
         return Columns()  # torques alone do not tell which joints a cable passes
     return _misled(motion, i, k, motion.joint_angles[:, k], 1.0, motion.a[:, k])
 
@@ -1109,6 +1125,11 @@ def _displaced(motion: Motion, place: Place, beta: Vector, shape: Shape) -> Moti
     return replace(motion, offset=offset + beta[0] * np.eye(len(offset))[place.index[0]])
 
 
+def _amplified(motion: Motion, place: Place, beta: Vector, shape: Shape) -> Motion:
+    """Add an error of a gain to those that are known."""
+    return replace(motion, gains=motion.gains + beta[0] * np.eye(motion.model.n_motors)[place.index[0]])
+
+
 def _tilted(motion: Motion, place: Place, beta: Vector, shape: Shape) -> Motion:
     return replace(motion, tilt=tuple(map(float, beta)))
 
@@ -1132,10 +1153,14 @@ def _delay(motion: Motion, place: Place, shape: Shape) -> Columns:
     later, earlier = (delayed(motion.logged_torque, motion.rate, d) for d in (shape[0], -shape[0]))
     known = motion.clear_logged_torque
     smoothed = 0.5 * sum(delayed(known, motion.rate, d) for d in (shape[0], -shape[0])) - known
-    late = (0.5 * (later - earlier) + smoothed) / shape[0]
+    late = motion.gains * (0.5 * (later - earlier) + smoothed) / shape[0]
     if place.index:
         late = late * np.eye(motion.model.n_motors)[place.index[0]]
     return Columns(late[..., None])
+
+
+DELAYS = (1e-3, 0.2)
+"""Delays about which columns are taken [s]."""
 
 
 def delayed(x: Vector, rate: float, delay: float, half: int = 8) -> Vector:
@@ -1674,6 +1699,7 @@ CATALOGUE: dict[str, Effect] = {
             exact=False,
             follows=True,
             carried=False,
+            moves=_amplified,
             error=0.02,
             confounded=("payload", "torque_dependent_friction"),
             revealed_by="a known mass",
@@ -1699,7 +1725,6 @@ CATALOGUE: dict[str, Effect] = {
             _named("offset"),
             exact=False,
             exact_travel=True,
-            carried=False,
             weighs=True,
             moves=_displaced,
             error=0.02,
@@ -1734,6 +1759,8 @@ CATALOGUE: dict[str, Effect] = {
             (1,),
             counts=False,
             follows=True,
+            exact=False,
+            centre=lambda beta: (float(np.clip(beta[0], *DELAYS)),),
             carried=False,
             confounded=("viscous_friction", "cable_elasticity"),
             revealed_by="two speeds",
@@ -1779,6 +1806,7 @@ class Identity(NamedTuple):
     shape: Shape
     detail: float
     creeps: bool
+    gives: bool
     hangs_on_torques: bool
 
 
@@ -1795,6 +1823,8 @@ class Candidate:
         Where it is not zero, a few free columns more, on this scale, say what the law leaves open (`Effect.detail`).
     creeps : bool
         Whether friction before and after standstills, which encoders do not show, is among that.
+    gives : bool
+        Whether what friction gives before it slides is among that.
     """
 
     effect: Effect
@@ -1802,6 +1832,7 @@ class Candidate:
     shape: Shape = ()
     detail: float = 0.0
     creeps: bool = False
+    gives: bool = False
 
     @cached_property
     def key(self) -> tuple[str, str]:
@@ -1822,7 +1853,7 @@ class Candidate:
     @cached_property
     def identity(self) -> Identity:
         """Effect, place, shape, what is left open, and whether its columns change with the model's torques."""
-        return Identity(self.key, self.shape, self.detail, self.creeps, self.hangs_on_torques)
+        return Identity(self.key, self.shape, self.detail, self.creeps, self.gives, self.hangs_on_torques)
 
     def admissible(self, beta: Vector) -> Vector:
         """Give the coefficients with which a soft cable can be integrated; others as they are."""
@@ -1881,7 +1912,15 @@ class Candidate:
         own = self.effect.detail(motion, *self._here, self.detail)
         if self.creeps:
             own = [*own, creeping(_speed(motion, self._here[0]), self.detail, motion.rate)]
+        if self.gives:
+            own = [*own, *(sliding[0] - series[0] for sliding in self._slidings(motion, self.detail))]
         return Columns(along=(np.vstack([series, *own]), w))
+
+    def _slidings(self, motion: Motion, width: float) -> list[Vector]:
+        """Give the law's series if friction gives before it slides, for some distances; `width` of its sign."""
+        place, shape = self._here
+        columns = [self.effect.columns(motion, place, (Presliding(f * width), *shape[1:])) for f in PRESLIDING]
+        return [own.along[0] for own in columns if own.along is not None]
 
     def bounds(self, motions: Sequence[Motion]) -> list[tuple[float, float]]:
         """Give (lower, upper) of those elements of the shape that are estimated."""
@@ -1893,8 +1932,8 @@ class Candidate:
             return self
         if not self.effect.nuisance_shape:
             return replace(self, detail=1.0)
-        width = sign_width(motions, self.place)
-        return replace(self, detail=width, creeps=self.effect.detail is _transition and self._rests(motions, width))
+        width, dry = sign_width(motions, self.place), self.effect.detail is _transition
+        return replace(self, detail=width, creeps=dry and self._rests(motions, width), gives=dry)
 
     @cached_property
     def signs(self) -> tuple[int, ...]:
@@ -1933,7 +1972,7 @@ class Candidate:
     @property
     def bare(self) -> Candidate:
         """Itself without what is left open about the sign of its velocity."""
-        return replace(self, detail=0.0, creeps=False) if self.detail and self.has_doubts else self
+        return replace(self, detail=0.0, creeps=False, gives=False) if self.detail and self.has_doubts else self
 
     def _rests(self, motions: Sequence[Motion], width: float) -> bool:
         """Whether its coordinate stands still now and then."""
@@ -1958,8 +1997,20 @@ class Candidate:
         columns = self.raw_columns(motion)
         assert self.effect.detail is not None and columns.along is not None
         series, w = columns.along
-        size = float(np.sqrt(np.mean((beta @ series[: len(beta)]) ** 2))) * share * (0.25 if self.detail else 1.0)
-        return Columns(along=(size * np.stack(self.effect.detail(motion, *self._here, self.shape[0])), w))
+        share *= 0.25 if self.detail else 1.0
+        size = float(np.sqrt(np.mean((beta @ series[: len(beta)]) ** 2))) * share
+        own = [size * x for x in self.effect.detail(motion, *self._here, self.shape[0])]
+        if self.effect.detail is _transition:
+            k = len(self.effect.signs)
+            own += [share * (beta[:k] @ (x - series[:k])) for x in self._slidings(motion, self.shape[0])]
+        return Columns(along=(np.stack(own), w))
+
+    def centred(self, beta: Vector) -> Candidate:
+        """Take the columns about coefficients, where these are known to be others than so far (`Effect.centre`)."""
+        if self.effect.centre is None:
+            return self
+        shape = self.effect.centre(beta)
+        return self if np.allclose(shape, self.shape, rtol=1e-3, atol=0.0) else replace(self, shape=shape)
 
     def left_open(self, motion: Motion, beta: Vector) -> Columns:
         """Give what else it may bring on a motion (`Effect.leaves_open`)."""
@@ -1972,6 +2023,19 @@ class Candidate:
         return self.effect.reveals(motion, changes, beta)
 
     @property
+    def name(self) -> str:
+        """What a diagnosis calls it: a motor that turns with a joint with which it should not is coupled to it."""
+        coupled = self.effect.name == "transmission_ratio_error" and self.place.location["kind"] == "motor"
+        return "transmission_coupling" if coupled else self.effect.name
+
+    def parameters_said(self, model: CableModel, values: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+        """Give parameters as a diagnosis says them: of a coupling the ratio of the motor's speed to the joint's."""
+        if self.name == self.effect.name:
+            return values
+        value, scale = values["relative_error"], 1.0 / model.arm_scale[self.place.index[0]]
+        return {"ratio": value | {"value": scale * value["value"], "std": scale * value["std"]}}
+
+    @property
     def location(self) -> dict[str, Any]:
         """Where it sits, in the words of the diagnosis format."""
         return dict(self._here[0].location)
@@ -1979,7 +2043,7 @@ class Candidate:
     @property
     def loads(self) -> bool:
         """Whether its torque is part of other effects' columns (`Effect.follows`)."""
-        return self.effect.carried and not self.effect.follows
+        return self.effect.carried and not self.effect.follows and self.effect.moves is None
 
     @property
     def named(self) -> bool:
@@ -2047,6 +2111,7 @@ def _loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Moti
     at_joints = tuple((np.array(place.A), *powers) for place, *powers in drags if any(place.A))
     at_motors = tuple((np.array(place.B), *powers) for place, *powers in drags if any(place.B))
     blank: dict[str, Any] = {"offset": None, "tilt": None, "extra_driven": None, "shift": None, "map_errors": ()}
+    blank |= {"extra_logged": None, "gains": np.ones(motion.q_m.shape[1])}
     motion = replace(motion.stretched(None), **blank, springs=springs, drags=at_joints, motor_drags=at_motors)
     joint, motor = np.zeros_like(motion.q), np.zeros_like(motion.q_m)
     moving = [(c.effect.moves, c, beta) for c, beta in effects if c.effect.moves is not None]
@@ -2074,4 +2139,7 @@ def _loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Moti
                 motor += f[:, None] * columns.along[1]
         else:
             motor += torque_of(columns, beta, motor.shape)
-    return replace(motion, extra_joint=joint, extra_motor=motor)
+    motion = replace(motion, extra_joint=joint, extra_motor=motor)
+    late = [(c, beta) for c, beta in effects if c.effect.carried and not c.loads]
+    torques = [torque_of(c.raw_columns(motion), beta, motor.shape) for c, beta in late]
+    return replace(motion, extra_logged=np.sum(torques, axis=0)) if torques else motion

@@ -59,6 +59,8 @@ WHOLE = 0.95
 """Share that is as good as all of it."""
 ODD = 4.0
 """By how much log-evidence likelier what turns at a ratio of its own with two axes must be than what turns with one."""
+SETTLING = 12
+"""Rounds in which columns that follow the torques of others come to rest; delayed friction takes the most."""
 PREFERENCE = 2.0
 """By how much log-likelihood less a simpler law, dry friction above all, is named nevertheless."""
 
@@ -259,7 +261,7 @@ def settled(search: Search, accepted: list[Candidate], rounds: int = 2) -> tuple
     search = tied(search, accepted)
     if accepted:
         search, accepted = _in_turn(search, accepted, rounds=rounds)
-        for _ in range(4 if any(c.effect.follows and not c.effect.exact for c in accepted) else 0):
+        for _ in range(SETTLING if any(c.effect.follows and not c.effect.exact for c in accepted) else 0):
             before = search.fit(accepted)
             search, accepted = _in_turn(search, accepted, rounds=1)
             if not _has_moved(before, search.fit(accepted)):
@@ -1008,7 +1010,7 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
     first = search.refine(fit, candidates[0])
     if first[1].statistic > STRONG:
         candidates = [c.detailed(search.problem.motions) for c in (first[0], *candidates[1:])]
-        first = search.refine(fit, candidates[0])
+        first = _braking(search, fit, *search.refine(fit, candidates[0]))
     pool = [first]
     rest = [_same_width(c, first[0]) for c in candidates[1:]]
     scored = [(gain(search, fit, c, s), n, c, s) for n, c in enumerate(rest) for s in [search.score(fit, c)]]
@@ -1016,7 +1018,7 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
     for n, (value, _, c, s) in enumerate(sorted(scored, key=lambda item: -item[0])):
         fine = c.effect.reach < 0.1  # its grid is coarse beside its peak
         if (n < 4 and value > best - max(40.0, 0.15 * abs(best))) or (fine and value > 0.3 * best):
-            pool.append(search.refine(fit, c) if c.shape else (c, s))
+            pool.append(_braking(search, fit, *search.refine(fit, c)) if c.shape else (c, s))
     pool = [(c, s) for c, s in pool if gain(search, fit, c, s) > 0 and c.is_plausible(s.beta, fit.effects)]
     pool = [(c, s) for c, s in pool if not hides_in_masses(search, fit, c)]
     if not pool:
@@ -1034,6 +1036,13 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
     if known is best[0] or any(known.key == c.key for c in fit.effects):
         return best
     return known, search.score(fit, known)
+
+
+def _braking(search: Search, fit: Fit, candidate: Candidate, score: Score) -> tuple[Candidate, Score]:
+    """Let friction that would drive if it gave before it slides give nothing."""
+    if not candidate.gives or candidate.is_plausible(score.beta, fit.effects):
+        return candidate, score
+    return search.refine(fit, replace(candidate, gives=False))
 
 
 def drives(search: Search, fit: Fit, candidate: Candidate) -> bool:

@@ -266,7 +266,7 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
             same = rubs and (likeness > EQUAL or (1.0 - likeness**2) * found.score.statistic < UNSEEN)
             alike.append((same and rival.effect.name in STILL_DRY, rival))
     for _, rival in sorted(alike, key=lambda item: item[0]):  # the same elsewhere, guides and capstans last
-        add(rival.effect.name, rival.location)
+        add(rival.name, rival.location)
     effect = found.candidate.effect
     for play in _uncrossed(search, explanation, without, found) if effect.name in POSTURE else ():
         add(play.effect.name, play.location)
@@ -336,6 +336,8 @@ def sensitivities(search: Search, explanation: Explanation) -> list[dict[str, An
         z = np.sqrt(threshold(search.settings.alarm, weight, k)) + 1.2816
         beta = z / score.norm if score.norm > 0 else np.inf
         visible, first = score.visible if np.isfinite(score.visible) else 0.0, candidate.effect.size
+        if candidate.name != candidate.effect.name:  # its own rows say how that would show in torques
+            continue
         row = {
             "effect": candidate.effect.name,
             "location": candidate.location,

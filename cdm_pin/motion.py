@@ -189,6 +189,11 @@ class Motion:
         Known tilt of the base, about the axes that `base_tilt` has [rad].
     extra_driven : ndarray, shape (n, n_motors), optional
         What known offsets, tilts and shifts change of the torque that the motors' cables carry [N m].
+    extra_logged : ndarray, shape (n, n_motors), optional
+        What effects bring before the logger that follow the torques of others, or move joints from where they seem
+        [N m].
+    gains : ndarray, shape (n_motors,) or float
+        Known gains of the torques' logger.
     shift : ndarray, shape (n, n_joints), optional
         How far known errors of the cable map move the joints from where the motors say they are [rad].
     stretch : ndarray, shape (n, n_motors), optional
@@ -228,6 +233,8 @@ class Motion:
     offset: Vector | None = None
     tilt: tuple[float, ...] | None = None
     extra_driven: Vector | None = None
+    extra_logged: Vector | None = None
+    gains: Vector | float = 1.0
     shift: Vector | None = None
     stretch: Vector | None = None
     map_errors: tuple[tuple[int, int, Vector], ...] = ()
@@ -278,7 +285,8 @@ class Motion:
     def logged_torque(self) -> Vector:
         """Torque of the motors before the logger, shape (n, n_motors) [N m]."""
         torque = self.driven_torque + self.a_m * self.model.rotor_inertia
-        return torque if self.extra_motor is None else torque + self.extra_motor
+        torque = torque if self.extra_motor is None else torque + self.extra_motor
+        return torque if self.extra_logged is None else torque + self.extra_logged
 
     @cached_property
     def cable_torque(self) -> Vector:
@@ -360,8 +368,13 @@ class Motion:
 
     @cached_property
     def clear_logged_torque(self) -> Vector:
-        """`logged_torque` at those frequencies at which it is known, shape (n, n_motors) [N m]."""
-        return self._clear(self.logged_torque, np.ones(self.model.n_motors))
+        """`logged_torque` at those frequencies at which it is known, shape (n, n_motors) [N m].
+
+        Noise of positions is in what accelerations bring, not in what rubs.
+        """
+        rubs = 0.0 if self.extra_joint is None else self.extra_joint @ self.model.joint_from_motor
+        rubs = rubs if self.extra_motor is None else rubs + self.extra_motor
+        return self._clear(self.logged_torque - rubs, np.ones(self.model.n_motors)) + rubs
 
     def _clear(self, torque: Vector, scale: Vector) -> Vector:
         """Give torques (n, n_motors) at those frequencies at which they are known; `scale` is theirs to the motors'.

@@ -453,6 +453,10 @@ class Search:
         effects = list(effects)
         for _ in range(rounds):
             fit = self.fit(effects, whitener)
+            centred = [c.centred(beta) for c, beta in zip(effects, fit.beta, strict=True)]
+            if centred != effects:
+                effects = centred
+                fit = self.fit(effects, whitener)
             W = self._white_slopes(fit)
             if not len(W):
                 break

@@ -10,7 +10,7 @@ from scipy.linalg import null_space
 
 from cdm_pin.base import base_parameters
 from cdm_pin.completed import added_torque, effect_candidates, find_place
-from cdm_pin.effects import CATALOGUE, DRAGS, Candidate, _entry, creeping, dahl, delayed, loaded, maxwell
+from cdm_pin.effects import CATALOGUE, DRAGS, Candidate, _entry, creeping, dahl, delayed, loaded, maxwell, torque_of
 from cdm_pin.errors import ManipulatorError
 from cdm_pin.manipulator import parse_manipulator, with_effects
 from cdm_pin.model import build_model, load_model
@@ -172,6 +172,31 @@ def test_exact_effects_of_the_rigid_body(arm):
         assert np.allclose((moved - motion.tau_m) / small, column, atol=2e-3 * np.abs(column).max())
 
 
+@pytest.mark.parametrize("name", [name for name, effect in CATALOGUE.items() if effect.carried])
+@pytest.mark.parametrize("sides", [(True, False), (False, True), (True, True)])
+def test_a_logger_multiplies_and_delays_what_all_effects_bring(arm, name, sides):
+    """Beside any other effect, a gain and a delay give the delayed product of the gain and of all that there is."""
+    motion = make_motion(arm, joints_measured=sides[0], motors_measured=sides[1])
+    beta, shape = CATALOGUE[name].coefficients(PARAMETERS[name])
+    own = (Candidate(CATALOGUE[name], CATALOGUE[name].places(arm)[0], shape), beta)
+    gain, delay = 1.25, 0.05
+
+    def logged(*effects):
+        about = loaded(motion, effects)
+        rotors = motion.a_m * arm.rotor_inertia
+        return motion.tau_m + rotors + sum(torque_of(c.raw_columns(about), b, rotors.shape) for c, b in effects)
+
+    def logger(effect, **parameters):
+        beta, shape = CATALOGUE[effect].coefficients(parameters)
+        place = CATALOGUE[effect].places(arm)[0]
+        return Candidate(CATALOGUE[effect], place, shape), beta
+
+    expected = logged(own) * [gain, 1.0, 1.0]
+    late = (logger("torque_gain_error", gain=gain), logger("time_delay", delay=delay))
+    assert np.allclose(logged(own, late[0]), expected, atol=1e-9)
+    assert np.allclose(logged(own, *late), delayed(expected, motion.rate, delay), atol=1e-9)
+
+
 @pytest.mark.parametrize("sides", [(True, True), (False, True)], ids=["joints", "motors"])
 def test_a_wrong_cable_map_is_exact_about_itself(arm, sides):
     """Once its size is known, a ratio error's torque is that of the cables that run so, not its first order.
@@ -302,9 +327,9 @@ def test_only_where_there_are_pauses_does_anything_creep(arm):
     still = (motion.time % 2.0 < 1.0)[:, None]
     halting = replace(motion, v=motion.v * still, v_m=motion.v_m * still)
     bare = Candidate(effect, place, (0.01,))
-    for m, columns in ((motion, 3), (halting, 4)):
+    for m, columns in ((motion, 5), (halting, 6)):
         law = bare.detailed([m])
-        assert law.creeps == (columns == 4)
+        assert law.creeps == (columns == 6)
         assert law.columns(m).along[0].shape[0] == columns
     assert bare.detailed([halting]).identity != replace(bare.detailed([halting]), creeps=False).identity
 

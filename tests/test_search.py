@@ -209,6 +209,55 @@ def test_a_coupling_that_the_map_lacks_is_named_beside_torques(tmp_path):
     assert finding["parameters"]["relative_error"]["value"] == pytest.approx(missing, rel=0.01)
 
 
+def test_a_motor_that_turns_with_a_joint_that_its_cable_does_not_pass_is_coupled_to_it(tmp_path):
+    """An arm of cables with encoders on both sides; the motor's torque is felt at that joint, too."""
+    settings = {"effects": 0, "positions": "both", "n_links": 3, "noise": "white", "bits": 17, "duration": 30.0}
+    model, runs, unseen, _ = loaded_trial(tmp_path, 3, **settings)
+    ratio, own = 0.06, model.motor_from_joint
+    coupled = own + ratio * np.outer([1, 0, 0], [0, 1, 0])
+
+    def turned(recording: Recording) -> Recording:
+        q, tau = recording.channels["joint_position"], recording.channels["motor_torque"]
+        channels = {
+            "motor_position": recording.channels["motor_position"] + q @ (coupled - own).T,
+            "motor_torque": tau @ own @ np.linalg.inv(coupled),
+        }
+        return replace(recording, channels=recording.channels | channels)
+
+    content = diagnose(model, [turned(r) for r in runs], [turned(r) for r in unseen]).content
+    (finding,) = content["findings"]
+    assert (finding["effect"], finding["location"]) == (
+        "transmission_coupling",
+        {"kind": "motor", "index": 1, "joint": 2},
+    )
+    assert finding["parameters"]["ratio"]["value"] == pytest.approx(ratio, rel=0.01)
+
+
+def _rubbed(recording: Recording, model, joint: int, coulomb: float, distance: float) -> Recording:
+    """Add dry friction of a joint that gives, as a stuck contact does, over a distance before it slides."""
+    rate = 1.0 / np.median(np.diff(recording.time))
+    q, state = lowpass(recording.channels["joint_position"], rate, 12.0)[:, joint - 1], 0.0
+    rub = np.zeros(len(q))
+    for k, dq in enumerate(np.diff(q), start=1):
+        state += (np.sign(dq) - state) * -np.expm1(-abs(dq) / distance)
+        rub[k] = coulomb * state
+    torque = recording.channels["motor_torque"] + rub[:, None] * model.joint_from_motor[joint - 1]
+    return replace(recording, channels=recording.channels | {"motor_torque": torque})
+
+
+@pytest.mark.parametrize("distance", [2e-4, 6e-4])
+def test_dry_friction_that_gives_before_it_slides_is_one_finding(tmp_path, distance):
+    """Stiction's presliding is part of dry friction: no hysteresis beside it, nothing unexplained."""
+    settings = {"effects": 0, "positions": "joint", "n_links": 2, "noise": "white", "bits": 17, "duration": 30.0}
+    model, runs, unseen, _ = loaded_trial(tmp_path, 11, **settings)
+    rubbed = [[_rubbed(r, model, 2, 0.4, distance) for r in own] for own in (runs, unseen)]
+    content = diagnose(model, *rubbed).content
+    assert content["verdict"] == "missing_physics"
+    (finding,) = content["findings"]
+    assert (finding["effect"], finding["location"]) == ("coulomb_friction", {"kind": "joint", "index": 2})
+    assert finding["parameters"]["coulomb"]["value"] == pytest.approx(0.4, rel=0.01)
+
+
 def test_a_stated_payload_is_no_discovery(tmp_path):
     """Recordings with and without a stated payload of half a link's mass: nothing is missing."""
     model, runs, unseen, _ = loaded_trial(tmp_path, 5, effects=0, n_recordings=2, **CAPSTAN)
@@ -436,6 +485,26 @@ def test_friction_of_a_joint_behind_a_wrong_cable_map_is_estimated_exactly(tmp_p
     sizes = rub["parameters"]["coulomb_positive"], rub["parameters"]["coulomb_negative"]
     assert [dry + unequal, dry - unequal] == pytest.approx(sizes, rel=0.02)
     assert problem.posture == ((), ()) != search.problem.posture
+
+
+def test_friction_behind_a_late_logger_comes_to_rest(tmp_path):
+    """Dry friction logged 26 ms late: columns about the delay as estimated leave nothing but noise."""
+    draws = {"n_links": 3, "positions": "joint", "bits": 17, "noise": "white", "jitter": 0.0, "n_holdout": 0}
+    model, runs, _, truth = loaded_trial(tmp_path, 7047, effects=["coulomb_friction", "time_delay"], **draws)
+    problem = make_problem(model, runs)
+    search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
+    search = search.about(search.fit([]))
+    sat = [effect["location"] for effect in truth["effects"]]
+    effects = [
+        next(c for c in all_candidates(problem, [name]) if c.location == place).detailed(problem.motions)
+        for name, place in zip(("coulomb_friction", "time_delay"), sat, strict=True)
+    ]
+    there, effects = settled(search, effects, rounds=4)
+    left, noise = (there.left_over(effects, smooth=smooth)[1].rms for smooth in (False, True))
+    assert np.all(left < 1.1 * noise)
+    delay = truth["effects"][1]["parameters"]["delay"]
+    assert there.fit(effects).beta[1][0] == pytest.approx(delay, rel=0.01)
+    assert effects[1].shape[0] == pytest.approx(delay, rel=0.01)
 
 
 @pytest.mark.parametrize(("peak", "statistic"), [(0.0, 90.0), (0.1, 20.0)])
