@@ -66,7 +66,7 @@ _CLAUSES = {
     "lost_motion": "{place} leaves its joint {half_gap} behind at every reversal, within {distance} of its way",
     "cable_slack": "{place} goes slack on one side once its torque passes {torque}",
     "transmission_ratio_error": "{place} runs at a ratio that is off by {relative_error:%}",
-    "transmission_coupling": "{place} turns along with another joint, at a ratio of {ratio}",
+    "transmission_coupling": "{place} turn together, at a ratio of {ratio}",
     "pulley_eccentricity": "{place} has a pulley that runs out of true by {relative_eccentricity:%} of its radius",
     "torque_ripple": "{place} ripples by {amplitude}[, {cycles:#} times a turn]",
     "rotor_inertia": "{place} carries a rotor inertia of {inertia} that the file lacks",
@@ -333,7 +333,7 @@ def place(location: Content) -> str:
     text += f" ({name})" if name not in ("", text) else ""
     for other in ("link", "joint"):
         if other in location:
-            text += f" at {other} {location[other]}"
+            text += f" {'and' if kind == 'motor' else 'at'} {other} {location[other]}"
     return text
 
 

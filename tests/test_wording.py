@@ -157,6 +157,7 @@ def test_unknown_effects_and_missing_parameters_still_read():
 @pytest.mark.parametrize(
     ("location", "words"),
     [
+        ({"kind": "motor", "index": 1, "joint": 2}, "motor 1 and joint 2"),
         (JOINT2, "joint 2"),
         ({"kind": "cable", "index": 3, "link": 1}, "cable 3 at link 1"),
         ({"kind": "cable", "index": 2, "joint": 1}, "cable 2 at joint 1"),

@@ -13,7 +13,7 @@ from ..files import whole_folder
 from ..manipulator import save_manipulator
 from ..model import load_model
 from ..recording import Recording, load_recording, save_recording
-from ..wording import quantity, sentence
+from ..wording import place, quantity, sentence
 
 if TYPE_CHECKING:
     from ..diagnose import Diagnosis
@@ -92,4 +92,6 @@ def _shown(content: dict[str, Any], output: str) -> list[Any]:
 
 
 def _place(location: dict) -> str:
-    return " ".join(str(value) for value in location.values())
+    if location["kind"] == "combination":
+        return f"motors by {location['weights']}"
+    return place(location)
