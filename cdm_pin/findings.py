@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from .effects import CATALOGUE, SWUNG, Candidate, Columns, Effect, coupled_alike, parallel
+from .effects import CATALOGUE, SWUNG, Candidate, Columns, Effect, coupled_alike, parallel, twin_places
 from .explain import Explanation, Found, evidence
 from .geometry import Vector
 from .model import CableModel
@@ -276,6 +276,10 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
             add("cable_friction", alias)
         elif alias["kind"] in kinds - {"cable"}:
             add(effect.name, alias)
+    if not any(c.effect.follows for c in explanation.fit.effects):  # the map is right, then: what turns alike is one
+        for twin in twin_places(search.problem.model, found.candidate.place):
+            if twin.location["kind"] in kinds:
+                add(effect.name, twin.location)
     for other in coupled_alike(search.problem.model, found.candidate):
         add("transmission_coupling", other)
     return out
