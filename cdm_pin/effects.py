@@ -2111,19 +2111,14 @@ def _loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Moti
     at_joints = tuple((np.array(place.A), *powers) for place, *powers in drags if any(place.A))
     at_motors = tuple((np.array(place.B), *powers) for place, *powers in drags if any(place.B))
     blank: dict[str, Any] = {"offset": None, "tilt": None, "extra_driven": None, "shift": None, "map_errors": ()}
-    blank |= {"extra_logged": None, "gains": np.ones(motion.q_m.shape[1])}
+    blank |= {"extra_logged": None, "gains": 1.0}
     motion = replace(motion.stretched(None), **blank, springs=springs, drags=at_joints, motor_drags=at_motors)
     joint, motor = np.zeros_like(motion.q), np.zeros_like(motion.q_m)
     moving = [(c.effect.moves, c, beta) for c, beta in effects if c.effect.moves is not None]
     for moves, candidate, beta in sorted(moving, key=lambda item: item[1].effect.follows):
         motion = moves(motion, candidate.place, beta, candidate.shape)
-    driven = [] if motion.shift is None else [motion.midway.torque_change(motion.shift)]
-    for _, candidate, beta in moving:
-        if candidate.effect.follows:
-            continue
-        columns = candidate.raw_columns(motion)
-        if columns.torque is not None:
-            driven.append(torque_of(columns, beta, motor.shape))
+    displaced = [torque_of(c.raw_columns(motion), beta, motor.shape) for _, c, beta in moving if not c.effect.follows]
+    driven = displaced if motion.shift is None else [motion.midway.torque_change(motion.shift), *displaced]
     if driven:
         motion = replace(motion, extra_driven=np.sum(driven, axis=0))
     for candidate, beta in effects:
@@ -2140,6 +2135,6 @@ def _loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Moti
         else:
             motor += torque_of(columns, beta, motor.shape)
     motion = replace(motion, extra_joint=joint, extra_motor=motor)
-    late = [(c, beta) for c, beta in effects if c.effect.carried and not c.loads]
-    torques = [torque_of(c.raw_columns(motion), beta, motor.shape) for c, beta in late]
-    return replace(motion, extra_logged=np.sum(torques, axis=0)) if torques else motion
+    following = [(c, beta) for c, beta in effects if c.effect.carried and c.effect.follows]
+    logged = displaced + [torque_of(c.raw_columns(motion), beta, motor.shape) for c, beta in following]
+    return replace(motion, extra_logged=np.sum(logged, axis=0)) if logged else motion

@@ -334,14 +334,13 @@ def sensitivities(search: Search, explanation: Explanation) -> list[dict[str, An
     bank = explanation.bank.laws
     accepted = {f.candidate.key for f in explanation.found}
     for candidate, score, weight in zip(bank.candidates, explanation.scores, bank.weight, strict=True):
-        if candidate.key in accepted:
+        known_otherwise = candidate.name != candidate.effect.name  # a coupling has rows of its own
+        if candidate.key in accepted or known_otherwise:
             continue
         k = max(score.k, 1)
         z = np.sqrt(threshold(search.settings.alarm, weight, k)) + 1.2816
         beta = z / score.norm if score.norm > 0 else np.inf
         visible, first = score.visible if np.isfinite(score.visible) else 0.0, candidate.effect.size
-        if candidate.name != candidate.effect.name:  # its own rows say how that would show in torques
-            continue
         row = {
             "effect": candidate.effect.name,
             "location": candidate.location,

@@ -388,11 +388,9 @@ def _error_left(diagnosis: Content) -> str:
     k = max(known, key=lambda k: values[k])
     size, unit = number(values[k]), _unit(diagnosis, k)
     short = _short_of(values, floor, k)
-    return (
-        f", to {size} {unit} on the {name}{short}"
-        if short
-        else f", down to the noise floor ({size} {unit} on the {name})"
-    )
+    if short:
+        return f", to {size} {unit} on the {name}{short}"
+    return f", down to the noise floor ({size} {unit} on the {name})"
 
 
 def _short_of(values: Sequence[float], floor: Sequence[float], k: int, reached: str = "") -> str:
