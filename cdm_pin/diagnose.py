@@ -49,6 +49,7 @@ from .unexplained import (
     nameless,
     noise_floor,
     of_no_size,
+    ringing_torque,
     swinging_torque,
     wandering_torque,
 )
@@ -325,7 +326,7 @@ def _judge(seen: Problem, explanation: Explanation) -> Search:
     """Give the search on the unseen recordings, about the model of an explanation."""
     search, fit = explanation.search, explanation.fit
     pairs = [(c, c.admissible(beta)) for c, beta in zip(fit.effects, fit.beta, strict=True)]
-    return search.judge(seen.with_model(search.problem.model).with_loads(pairs))
+    return search.judge(seen.with_model(search.problem.model, search.problem.bearings).with_loads(pairs))
 
 
 def _seconded(judge: Search, explanation: Explanation, most: int = 8) -> Explanation:
@@ -566,7 +567,7 @@ def _plain(judge: Search, fit: Fit, *others: Fit) -> list[float]:
 
 
 def _carries(judge: Search, explanation: Explanation, j: int) -> bool:
-    """Whether finding `j` takes nearly all of the plain error on the unseen recordings away, whatever is left."""
+    """Whether finding `j` takes nearly all of the plain error of recordings away, whatever is left."""
     with_it, without_it = _plain(judge, explanation.fit, explanation.search.without(explanation.fit, j))
     return with_it < CARRIED * without_it
 
@@ -619,10 +620,12 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
         if explanation.everywhere:
             unexplained = nameless(explanation) or unexplained
         unexplained = unexplained or wandering_torque(search, fit)
-        if unexplained is None and judge is not None:
-            unexplained = beyond_training(judge, fit)
+        if unexplained is None:
+            unexplained = ringing_torque(search, fit)
+            if unexplained is None and judge is not None:
+                unexplained = beyond_training(search, judge, fit)
             if unexplained is not None:
-                stated = {j: v for j, v in stated.items() if _carries(judge, explanation, j)}
+                stated = {j: v for j, v in stated.items() if _carries(judge or search, explanation, j)}
         if unexplained is None and named and not stated:
             unexplained = of_no_size(explanation, fi.unsized(explanation))
         if disputed and unexplained is None:

@@ -447,11 +447,11 @@ def _rub(motion: Motion, place: Place, *series: Vector) -> Columns:
 
 def _speed(motion: Motion, place: Place) -> Vector:
     """Give the speed by all that is known; of smooth laws, what known shifts change is in `Motion.drag_change`."""
-    return place.along(motion.joint_speeds, motion.v_m)
+    return motion.kept(("speed", place.A, place.B), lambda: place.along(motion.joint_speeds, motion.v_m))
 
 
 def _position(motion: Motion, place: Place) -> Vector:
-    return place.along(motion.q, motion.q_m)
+    return motion.kept(("position", place.A, place.B), lambda: place.along(motion.q, motion.q_m))
 
 
 class Presliding(float):
@@ -460,11 +460,16 @@ class Presliding(float):
 
 PRESLIDING = (0.02, 0.1)
 """Distances within which dry friction may give before it slides, over the width of its sign [s]."""
+GIVES = (1 / 64, 4.0)
+"""Least and largest multiple of these distances."""
 
 
 def _sign(motion: Motion, place: Place, shape: Shape) -> Vector:
     if isinstance(shape[0], Presliding):
-        return dahl(_position(motion, place), shape[0])
+        band = 0.0
+        if motion.position_errors is not None:
+            band = float(np.abs(place.A) @ motion.position_errors[0] + np.abs(place.B) @ motion.position_errors[1])
+        return dahl(dragged(_position(motion, place), band), shape[0])
     return np.tanh(_speed(motion, place) / shape[0])
 
 
@@ -660,6 +665,19 @@ def dahl(x: Vector, distance: float) -> Vector:
         s = 1.0 if dx > 0 else -1.0
         z[k] = s + (z[k - 1] - s) * np.exp(-abs(dx) / distance)
     return z
+
+
+@numba.njit(cache=True)
+def dragged(x: Vector, band: float) -> Vector:
+    """Follow a position that moves by more than a band, to either side; what stays within it is taken for rest.
+
+    Without it the errors of an encoder at standstill, to and fro, would wear a memory of where the motion came from.
+    """
+    out, here = np.empty(len(x)), x[0]
+    for k in range(len(x)):
+        here = min(max(here, x[k] - band), x[k] + band)
+        out[k] = here
+    return out
 
 
 @numba.njit(cache=True)
@@ -1806,7 +1824,7 @@ class Identity(NamedTuple):
     shape: Shape
     detail: float
     creeps: bool
-    gives: bool
+    gives: float
     hangs_on_torques: bool
 
 
@@ -1823,8 +1841,8 @@ class Candidate:
         Where it is not zero, a few free columns more, on this scale, say what the law leaves open (`Effect.detail`).
     creeps : bool
         Whether friction before and after standstills, which encoders do not show, is among that.
-    gives : bool
-        Whether what friction gives before it slides is among that.
+    gives : float
+        What the distances within which friction gives before it slides are multiplied by; zero where it gives nothing.
     """
 
     effect: Effect
@@ -1832,7 +1850,7 @@ class Candidate:
     shape: Shape = ()
     detail: float = 0.0
     creeps: bool = False
-    gives: bool = False
+    gives: float = 0.0
 
     @cached_property
     def key(self) -> tuple[str, str]:
@@ -1919,7 +1937,8 @@ class Candidate:
     def _slidings(self, motion: Motion, width: float) -> list[Vector]:
         """Give the law's series if friction gives before it slides, for some distances; `width` of its sign."""
         place, shape = self._here
-        columns = [self.effect.columns(motion, place, (Presliding(f * width), *shape[1:])) for f in PRESLIDING]
+        distances = [Presliding(f * (self.gives or 1.0) * width) for f in PRESLIDING]
+        columns = [self.effect.columns(motion, place, (distance, *shape[1:])) for distance in distances]
         return [own.along[0] for own in columns if own.along is not None]
 
     def bounds(self, motions: Sequence[Motion]) -> list[tuple[float, float]]:
@@ -1933,7 +1952,7 @@ class Candidate:
         if not self.effect.nuisance_shape:
             return replace(self, detail=1.0)
         width, dry = sign_width(motions, self.place), self.effect.detail is _transition
-        return replace(self, detail=width, creeps=dry and self._rests(motions, width), gives=dry)
+        return replace(self, detail=width, creeps=dry and self._rests(motions, width), gives=float(dry))
 
     @cached_property
     def signs(self) -> tuple[int, ...]:
@@ -1972,7 +1991,7 @@ class Candidate:
     @property
     def bare(self) -> Candidate:
         """Itself without what is left open about the sign of its velocity."""
-        return replace(self, detail=0.0, creeps=False, gives=False) if self.detail and self.has_doubts else self
+        return replace(self, detail=0.0, creeps=False, gives=0.0) if self.detail and self.has_doubts else self
 
     def _rests(self, motions: Sequence[Motion], width: float) -> bool:
         """Whether its coordinate stands still now and then."""

@@ -266,6 +266,7 @@ def settled(search: Search, accepted: list[Candidate], rounds: int = 2) -> tuple
             search, accepted = _in_turn(search, accepted, rounds=1)
             if not _has_moved(before, search.fit(accepted)):
                 break
+        accepted = search.yielding(accepted, search.noise(accepted))
         search = search.about(search.fit(accepted))
     return search, accepted
 
@@ -1042,7 +1043,7 @@ def _braking(search: Search, fit: Fit, candidate: Candidate, score: Score) -> tu
     """Let friction that would drive if it gave before it slides give nothing."""
     if not candidate.gives or candidate.is_plausible(score.beta, fit.effects):
         return candidate, score
-    return search.refine(fit, replace(candidate, gives=False))
+    return search.refine(fit, replace(candidate, gives=0.0))
 
 
 def drives(search: Search, fit: Fit, candidate: Candidate) -> bool:
@@ -1083,6 +1084,8 @@ def _rough(x: float) -> float:
 
 def _same_width(candidate: Candidate, other: Candidate) -> Candidate:
     same = bool(other.place.A) and (candidate.place.A, candidate.place.B) == (other.place.A, other.place.B)
+    if same and candidate.gives and other.gives:
+        candidate = replace(candidate, gives=other.gives)
     if same and candidate.effect.nuisance_shape == 1 == other.effect.nuisance_shape:
         return replace(candidate, shape=(other.shape[0], *candidate.shape[1:]))
     return candidate

@@ -164,10 +164,14 @@ ROUNDED = ("encoder_offset", "backlash")
 """What encoders that round may look like."""
 HIDDEN = 0.3
 """Share that is left over of an effect of which it is said what takes the rest."""
+TRIFLE = 0.05
+"""Share of a law's torque by which a more general law has to differ to be another one."""
 UNSEEN = 1.0
 """Whitened sum of squares of a difference that no data show."""
 LEAST = 0.002
 """Relative accuracy beyond which no parameter is known."""
+NEARLY = 0.9
+"""Cosine of the motors' torques from which on two places are not told apart beside what has no name."""
 SHAPES = ("phase", "cycles", "form", "ratio", "stribeck_velocity", "time_constant", "rest", "start", "end", "recording")
 """Parameters that say what an effect looks like, not how large it is."""
 
@@ -253,11 +257,16 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
         if len(out) < 3 and entry not in out:
             out.append(entry)
 
+    kinds = {place.location["kind"] for place in found.candidate.effect.places(search.problem.model)}
+    if not any(c.effect.follows for c in explanation.fit.effects):  # the map is right, then: what turns alike is one
+        for twin in twin_places(search.problem.model, found.candidate.place):
+            if twin.location["kind"] in kinds:
+                add(found.candidate.effect.name, twin.location)
     close = settings.within(found.score.statistic)
     rubs = found.candidate.effect.name == "coulomb_friction"
     alike: list[tuple[bool, Candidate]] = []
     for rival, difference in _leaning(search, without, found):
-        within = difference > -close
+        within = difference > -close and not _is_plainer(search, without, found.candidate, rival)
         if not within and difference <= -0.1 * found.gain - 30:
             continue
         asked = rubs or not within
@@ -270,19 +279,42 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
     effect = found.candidate.effect
     for play in _uncrossed(search, explanation, without, found) if effect.name in POSTURE else ():
         add(play.effect.name, play.location)
-    kinds = {place.location["kind"] for place in effect.places(search.problem.model)}
     for alias in found.candidate.place.aliases:
         if alias["kind"] == "cable" and effect.name == "coulomb_friction":
             add("cable_friction", alias)
         elif alias["kind"] in kinds - {"cable"}:
             add(effect.name, alias)
-    if not any(c.effect.follows for c in explanation.fit.effects):  # the map is right, then: what turns alike is one
-        for twin in twin_places(search.problem.model, found.candidate.place):
-            if twin.location["kind"] in kinds:
-                add(effect.name, twin.location)
     for other in coupled_alike(search.problem.model, found.candidate):
         add("transmission_coupling", other)
     return out
+
+
+def _is_plainer(search: Search, without: Fit, own: Candidate, rival: Candidate) -> bool:
+    """Whether an effect is a rival's special case, and what the rival has beyond it can be no more than a trifle.
+
+    As a friction whose two directions differ by a per cent is dry friction.
+    """
+    if own.location != rival.location:
+        return False
+    scores = [search.score(without, candidate) for candidate in (own, rival)]
+    ours, theirs = (search.white(without.whitener, search.columns(candidate)) for candidate in (own, rival))
+    torque = scores[0].beta @ ours
+    size = float(np.linalg.norm(torque))
+    if np.linalg.norm(torque - _spanned(theirs, torque[None])[0]) > TRIFLE * size:
+        return False
+    _, scale, beyond = np.linalg.svd(theirs - _spanned(ours, theirs), full_matrices=False)
+    beyond = beyond[scale > 1e-3 * np.linalg.norm(theirs)]
+    left = without.rest(beyond)
+    seen = np.linalg.svd(left - _spanned(without.rest(ours), left), compute_uv=False).min(initial=1.0)
+    most = np.sqrt(max(scores[1].statistic - scores[0].statistic, 0.0)) + 2.0
+    return bool(most < TRIFLE * size * seen)
+
+
+def _spanned(rows: Vector, others: Vector) -> Vector:
+    """Give the part of other rows that some rows span, shape (n_others, n)."""
+    scale = np.linalg.norm(rows, axis=1)
+    rows = rows[scale > 0] / scale[scale > 0, None]
+    return np.linalg.lstsq(rows.T, others.T, rcond=1e-9)[0].T @ rows
 
 
 def _uncrossed(search: Search, explanation: Explanation, without: Fit, found: Found) -> list[Candidate]:
@@ -419,8 +451,8 @@ def is_sure(model: CableModel, found: Found, patches: Sequence[Found]) -> bool:
         other = np.abs(np.array(patch.candidate.place.A + patch.candidate.place.B))
         if not len(own) or not len(other) or own @ other > 1e-9:
             return False
-        if parallel(found.candidate.place.weights(model), patch.candidate.place.weights(model)):
-            return False  # joint 1 and motor 1 of the paper's arm
+        if parallel(found.candidate.place.weights(model), patch.candidate.place.weights(model), NEARLY):
+            return False  # joint 1 and motor 1 of the paper's arm, or a motor that does most of what a joint does
         if found.score.statistic < 0.2 * patch.score.statistic:
             return False
     return found.candidate.effect.name in CATALOGUE

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -180,6 +181,10 @@ class Motion:
         Noise of positions, as if white, times the inertia that each motor feels; none if not given [N m s^2].
     torque_measured : bool
         Whether the motors' torques were logged.
+    position_errors : tuple of ndarray, shapes (n_joints,) and (n_motors,), optional
+        Standard deviation of what encoders' steps make of `q` and `q_m`, or of their noise; none if not given [rad].
+    bearings : CableModel, optional
+        With the masses that load the hinges, where these are told from others than the model's.
     extra_joint, extra_motor : ndarray, optional
         Torques beside the rigid body's, at the joints, shape (n, n_joints), and at the motors, shape (n, n_motors)
         [N m].
@@ -228,6 +233,8 @@ class Motion:
     index: int = 0
     inertia_noise: Vector | None = None
     torque_measured: bool = True
+    position_errors: tuple[Vector, Vector] | None = None
+    bearings: CableModel | None = None
     extra_joint: Vector | None = None
     extra_motor: Vector | None = None
     offset: Vector | None = None
@@ -243,6 +250,18 @@ class Motion:
     motor_drags: tuple[tuple[Vector, float, float], ...] = ()
     felt: Felt | None = None
     swing: Swing | None = None
+
+    @cached_property
+    def _kept(self) -> dict[Hashable, Vector]:
+        return {}
+
+    def kept(self, name: Hashable, compute: Callable[[], Vector], most: int = 8) -> Vector:
+        """Give a series of this motion that was computed lately, or compute it; the oldest of some goes first."""
+        if name not in self._kept:
+            self._kept[name] = compute()
+            while len(self._kept) > most:
+                self._kept.pop(next(iter(self._kept)))
+        return self._kept[name]
 
     @property
     def joints_alone(self) -> bool:
@@ -272,9 +291,10 @@ class Motion:
     @cached_property
     def hinge_force(self) -> Vector:
         """Magnitude of the force that each hinge carries, shape (n, n_joints) [N]."""
-        if self.model.planar and self.model.manipulator.pulleys is not None:
-            return np.linalg.norm(hinge_reaction(self.model, self.q, self.v, self.a, self.pretension), axis=-1)
-        return np.linalg.norm(joint_wrenches(self.model, self.q, self.v, self.a)[..., :3], axis=-1)
+        model = self.bearings or self.model
+        if model.planar and model.manipulator.pulleys is not None:
+            return np.linalg.norm(hinge_reaction(model, self.q, self.v, self.a, self.pretension), axis=-1)
+        return np.linalg.norm(joint_wrenches(model, self.q, self.v, self.a)[..., :3], axis=-1)
 
     @cached_property
     def driven_torque(self) -> Vector:
@@ -420,9 +440,9 @@ class Motion:
         speeds = self.v_m + derivatives(change, self.rate)[0]
         return replace(self, q_m=self.q_m + change, v_m=speeds, stretch=travel)
 
-    def with_model(self, model: CableModel) -> Motion:
+    def with_model(self, model: CableModel, bearings: CableModel | None = None) -> Motion:
         """Give the same motion of a robot with other inertial parameters."""
-        return replace(self, model=model)
+        return replace(self, model=model, bearings=bearings)
 
     @cached_property
     def torque_slopes(self) -> Vector:

@@ -73,9 +73,10 @@ class Run:
         load = tip_load(model, self.payload)
         return model.with_standard_parameters(model.standard_parameters + load) if load.any() else model
 
-    def with_model(self, model: CableModel) -> Run:
+    def with_model(self, model: CableModel, bearings: CableModel | None = None) -> Run:
         """Give the same run of a robot with other inertial parameters, to which those of the payload come."""
-        return replace(self, motion=self.motion.with_model(self.carrying(model)))
+        motion = self.motion.with_model(self.carrying(model), self.carrying(bearings) if bearings else None)
+        return replace(self, motion=motion)
 
 
 def tip_load(model: CableModel, mass: float) -> Vector:
@@ -102,6 +103,8 @@ class Problem:
         What the sensors bring by themselves.
     loads : tuple of (Candidate, ndarray)
         Effects with coefficients whose torques are in the motions.
+    bearings : CableModel, optional
+        With the masses that load the hinges, where these are others than the model's (`Motion.bearings`).
     """
 
     model: CableModel
@@ -111,6 +114,7 @@ class Problem:
     kinematic: bool
     sensors: SensorNoise
     loads: tuple[tuple[Candidate, Vector], ...] = ()
+    bearings: CableModel | None = None
 
     @property
     def n_channels(self) -> int:
@@ -274,9 +278,10 @@ class Problem:
         lines = Lines.of(full)
         return Lines(self.band.reduce(lines.series), lines.weights, lines.owner, lines.n_columns)
 
-    def with_model(self, model: CableModel) -> Problem:
-        """Give the same problem with other inertial parameters in the motions."""
-        return replace(self, model=model, runs=tuple(run.with_model(model) for run in self.runs))
+    def with_model(self, model: CableModel, bearings: CableModel | None = None) -> Problem:
+        """Give the same problem with other inertial parameters in the motions, of the load on hinges maybe others."""
+        runs = tuple(run.with_model(model, bearings) for run in self.runs)
+        return replace(self, model=model, bearings=bearings, runs=runs)
 
     def with_loads(self, effects: Sequence[tuple[Candidate, Vector]]) -> Problem:
         """Give the same problem with the torques that these effects bring in the motions."""
@@ -419,6 +424,22 @@ def _quieter(model: CableModel, signals: Signals, q: Vector, q_m: Vector) -> Vec
     return np.where(by_motors < signals.noise["joint_position"], model.joint_position(q_m), q)
 
 
+def _position_errors(model: CableModel, signals: Signals, parted: bool) -> tuple[Vector, Vector]:
+    """Give what encoders' steps, or noise where none were seen, make of the joints' and the motors' positions [rad].
+
+    Of motors as their own encoders see them only where they move apart from the joints, or nothing else was logged.
+    """
+    own = {
+        side: np.where(signals.steps[side] > 0.0, signals.steps[side] / np.sqrt(12.0), signals.noise[side])
+        for side in ("joint_position", "motor_position")
+        if side in signals.noise
+    }
+    if "joint_position" not in own:
+        return np.abs(model.joint_from_motor) @ own["motor_position"], own["motor_position"]
+    joints = own["joint_position"]
+    return joints, own["motor_position"] if parted else np.abs(model.motor_from_joint) @ joints
+
+
 def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinematic: bool, index: int) -> Run:
     rate, lightly = signals.rate, light(band.cutoff, signals.rate)
     q_raw, q_m_raw = both_positions(model, signals.logged)
@@ -426,10 +447,9 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
     if kinematic and not torque:
         q_raw = _quieter(model, signals, q_raw, q_m_raw)
     sharp = max(lightly, _sharp(model, signals, q_raw))
-    if kinematic and not _parted(travel, band, signals, model):
-        q_m_raw = model.motor_position(
-            q_raw
-        )  # both encoders see one motion: two noisy copies of it would fit the noise
+    parted = kinematic and _parted(travel, band, signals, model)
+    if kinematic and not parted:
+        q_m_raw = model.motor_position(q_raw)  # both encoders see one motion: two noisy copies would fit the noise
     q, q_m = lowpass(q_raw, rate, sharp), lowpass(q_m_raw, rate, sharp)
     slow, slow_m = (lowpass(x, rate, min(lightly, band.slow)) for x in (q_raw, q_m_raw))
     if kinematic:  # accelerations from two encoders would fit each other's noise
@@ -451,6 +471,7 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
         index=index,
         inertia_noise=inertia_noise(model, signals) if torque else None,
         torque_measured=torque,
+        position_errors=_position_errors(model, signals, parted),
     )
     if torque and "joint_position" not in signals.logged:
         felt = Felt(measured_torques(model, signals.logged), q_m_raw, (sharp, min(lightly, band.slow)), signals.valid)

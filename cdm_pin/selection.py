@@ -15,7 +15,7 @@ from scipy.optimize import minimize_scalar
 from .base import BaseParameters, massive_columns
 from .completed import effect_candidates
 from .drift import LONG, LOUD, QUICKER, Drift, drift_columns, drifting_channels, slow_shapes, without_drift
-from .effects import CATALOGUE, RATIOS, Candidate, Identity
+from .effects import CATALOGUE, GIVES, RATIOS, Candidate, Identity
 from .geometry import Vector
 from .model import CableModel
 from .patches import PATCHES, TONE
@@ -77,6 +77,8 @@ class Settings:
 
 UNSURE_MASS = 0.2
 """Share of themselves by which masses, first moments and inertias of the file may be wrong."""
+MOST_TIMES = 20
+"""How often what the file's parameters may be wrong by is doubled."""
 COMPLIANT = ("cable_elasticity", "cable_slack")
 """Effects whose first coefficient is how much a cable gives per torque."""
 
@@ -278,21 +280,48 @@ class Search:
     def about(self, fit: Fit) -> Search:
         """Give the same search about a fit: its inertial parameters, and the torques that its effects bring."""
         effects = list(zip(fit.effects, fit.beta, strict=True))
-        return self.at(fit.base[: len(self.base.columns)], effects, self.revealed(fit))
+        change = fit.base[: len(self.base.columns)]
+        return self.at(change, effects, self.revealed(fit), self._likely_masses(fit))
+
+    def _likely_masses(self, fit: Fit) -> CableModel:
+        """Give the model with the masses that a fit makes likely, for what no torque of a motor tells of them.
+
+        Each standard parameter may be wrong by about all of itself, or by as many times that as the change is beyond
+        it: what the data do not tell stays as the file has it.
+        """
+        file, p, heavy = self.problem.sensors.model, len(self.base.columns), massive_columns(self.problem.model)
+        known = self.base.values(self.problem.model.standard_parameters) - self.base.values(file.standard_parameters)
+        own = self.base.matrix[:, heavy] * _sizes(file)[heavy]
+        before, errors = own @ own.T, fit.covariance[:p, :p]
+        size = np.sqrt(np.diag(before) + np.diag(errors))
+        if not before.any() or not size.all():
+            return file
+        change = (known + fit.base[:p]) / size
+        before, errors = before / size / size[:, None], errors / size / size[:, None]
+        for _ in range(MOST_TIMES):
+            told = np.linalg.lstsq(before + errors, change, rcond=1e-12)[0]
+            if change @ told <= p:
+                break
+            before = 4.0 * before
+        return updated_model(file, self.base, size * (before @ told), _sizes(file))
 
     def at(
-        self, change: Vector, effects: Sequence[tuple[Candidate, Vector]], model: CableModel | None = None
+        self,
+        change: Vector,
+        effects: Sequence[tuple[Candidate, Vector]],
+        model: CableModel | None = None,
+        bearings: CableModel | None = None,
     ) -> Search:
         """Give the same search with the base parameters changed, and effects with coefficients in the motions.
 
-        A `model` says all of its parameters by itself.
+        A `model` says all of its parameters by itself; `bearings` has the masses that load the hinges.
         """
         effects = [(c, c.admissible(beta)) for c, beta in effects]
         if model is None:
             model = updated_model(self.problem.model, self.base, change)
         else:
             change = self.base.matrix @ (model.standard_parameters - self.problem.model.standard_parameters)
-        problem = self.problem.with_model(model).with_loads(effects)
+        problem = self.problem.with_model(model, bearings or self.problem.bearings).with_loads(effects)
         search = Search(problem, self.base, self.settings, self.held, self.drift)
         for name in ("common", "plain", "loads", "smooth", "unshared"):
             if name in self.__dict__:
@@ -474,6 +503,21 @@ class Search:
             effects = trial
             if fit.deviance - better.deviance < 0.1:
                 break
+        return effects
+
+    def yielding(self, effects: Sequence[Candidate], whitener: Whitener, least: float = 6.0) -> list[Candidate]:
+        """Take of distances within which dry friction gives before it slides those that suit the data, one by one."""
+        effects = list(effects)
+        best = self.fit(effects, whitener).deviance if any(c.gives for c in effects) else 0.0
+        for j, candidate in enumerate(effects):
+            for factor in (0.25, 4.0):
+                trial = effects
+                while candidate.gives and GIVES[0] <= factor * trial[j].gives <= GIVES[1]:
+                    trial = [*trial[:j], replace(trial[j], gives=factor * trial[j].gives), *trial[j + 1 :]]
+                    own = self.fit(trial, whitener).deviance
+                    if own > best - least:
+                        break
+                    best, effects = own, trial
         return effects
 
     def _white_slopes(self, fit: Fit) -> Vector:
@@ -1325,15 +1369,28 @@ def tones(search: Search, effects: Sequence[Candidate] = (), most: int = 3, leas
     return [Candidate(TONE, place, (f,)) for f in best for place in TONE.places(problem.model)]
 
 
-def updated_model(model: CableModel, base: BaseParameters, change: Vector) -> CableModel:
+def updated_model(model: CableModel, base: BaseParameters, change: Vector, sizes: Vector | None = None) -> CableModel:
     """Give the model whose base parameters differ by `change` from those of `model`, the rest as near as can be.
 
-    What stands behind them in a fit, a payload's, is left out.
+    Near in units of the standard parameters, or of `sizes` if given. What stands behind the base parameters in a fit, a
+    payload's, is left out.
     """
     heavy = massive_columns(model)
+    size = np.ones(len(heavy)) if sizes is None else sizes[heavy]
     step = np.zeros(base.matrix.shape[1])
-    step[heavy] = np.linalg.pinv(base.matrix[:, heavy]) @ change[: len(base.columns)]
+    step[heavy] = size * (np.linalg.pinv(base.matrix[:, heavy] * size) @ change[: len(base.columns)])
     return model.with_standard_parameters(model.standard_parameters + step)
+
+
+def _sizes(model: CableModel) -> Vector:
+    """Give each standard parameter's size: a link's mass, times its radius about its joint once or twice."""
+    links = model.standard_parameters.reshape(-1, 10)
+    mass = np.maximum(np.abs(links[:, 0]), 1e-9)
+    spread = 0.5 * np.abs(links[:, [4, 6, 9]].sum(axis=1)) / mass
+    radius = np.sqrt(np.maximum(spread, 1e-4 * spread.max(initial=0.0)))
+    if not radius.any():
+        radius[:] = 1.0
+    return (mass[:, None] * np.column_stack([np.ones_like(radius), *[radius] * 3, *[radius**2] * 6])).ravel()
 
 
 ProgressCallback = Callable[[str, float], None]

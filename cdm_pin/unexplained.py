@@ -29,6 +29,11 @@ ROUGH = 1.5
 """What is left over that beside smooth functions of the state, from which something is still to be explained."""
 FAR = 5.0
 """What is left over the noise of the sensors that no noise of theirs is."""
+PEAK, ROUNDER = 30.0, 10.0
+"""Power of a residual at some frequency over that at a lower one, alone and beside smooth functions of the state, that
+noise has of no sensor, unless what encoders make of accelerations is most of it."""
+LOUDER = 1.5
+"""How many times the noise of the training that of unseen recordings may be."""
 HIGHEST = 20.0
 """Frequency up to which a line is taken for a disturbance of the arm [Hz]; above it mains and amplifiers hum."""
 
@@ -146,16 +151,18 @@ def is_far(search: Search, fit: Fit) -> bool:
     return bool(np.any(far[: search.problem.model.n_motors]))
 
 
-def beyond_training(judge: Search, fit: Fit, limit: float = 4.0) -> dict[str, Any] | None:
+def beyond_training(search: Search, judge: Search, fit: Fit, limit: float = 4.0) -> dict[str, Any] | None:
     """Say where unseen recordings hold something that the others do not tell of; None where they do not.
 
-    Their error is then many times the noise, and what the training leaves uncertain does not explain it.
+    Their error is then many times the noise, and what the training leaves uncertain does not explain it. Nor is what
+    no function of the state describes noise, if the training has far less of it.
     """
     if not any(judge.problem.segments):
         return None
     if deviance_unseen(judge, fit) < limit**2 * judge.body(fit.whitener).data.size:
         return None
-    floor = _floor(judge, fit, _least(judge))
+    own = _floor(search, fit, _least(search))
+    floor = np.maximum(np.minimum(_floor(judge, fit, _least(judge)), LOUDER * own), _least(judge))
     anew = judge.left_over(fit.effects, smooth=False)[1].rms  # other poses may need masses that the training left open
     rest = judge.still(errors(judge, fit.base, fit.effects, fit.beta))
     size = rms(judge, rest)
@@ -220,6 +227,38 @@ def wandering_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     place = _place_of(both, model)
     words = f"torque on {place['kind']} {place['index']} that wanders slowly with time"
     return something(place["kind"], place["index"], words, float(np.sqrt(np.mean(np.sum(both**2, axis=0)))))
+
+
+def ringing_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
+    """Say where a torque rings at a frequency of its own within the band, however it is struck; None where it does not.
+
+    The noise of sensors is white or slow, and drifts are slower still: what the residual has more of at some frequency
+    than at a lower one is none of these.
+    """
+    problem, model = search.problem, search.problem.model
+    m = model.n_motors
+    if not problem.torque or not any(problem.segments):
+        return None
+    rest, noise = search.left_over(fit.effects, smooth=False)
+    rounder = search.left_over(fit.effects)[1]
+    loud = noise.rms[:m] > FAR * np.hypot(_least(search), _accuracy(search, fit))[:m]
+    peaks, others = ([_peak(power) for power in own.power[:m]] for own in (noise, rounder))
+    rises = [p[0] * bool(yes and o[0] > ROUNDER) for p, o, yes in zip(peaks, others, loud, strict=True)]
+    worst = int(np.argmax(rises))
+    if rises[worst] < PEAK:
+        return None
+    frequency = float(noise.centres[peaks[worst][1]]) * problem.band.reduced_rate
+    inside = [e[:m, a:b] for e, run in zip(rest, problem.segments, strict=True) for a, b in run]
+    both = np.concatenate(inside, axis=1)
+    place = _place_of(both, model)
+    words = f"torque on {place['kind']} {place['index']} that rings at about {frequency:.2g} Hz"
+    return something(place["kind"], place["index"], words, float(np.sqrt(np.mean(np.sum(both**2, axis=0)))))
+
+
+def _peak(power: Vector) -> tuple[float, int]:
+    """Give how much more power there is at some frequency than at a lower one, at most, and where."""
+    rise = power / np.maximum(np.minimum.accumulate(power), 1e-300)
+    return float(rise.max()), int(np.argmax(rise))
 
 
 def _place_of(torque: Vector, model: CableModel) -> dict[str, Any]:

@@ -12,7 +12,16 @@ from cdm_pin import explain
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.diagnose import diagnose
 from cdm_pin.dynamics import inverse_dynamics
-from cdm_pin.effects import CATALOGUE, Candidate, at_known_place, guide_places, joint_places, pair_places
+from cdm_pin.effects import (
+    CATALOGUE,
+    Candidate,
+    at_known_place,
+    dahl,
+    dragged,
+    guide_places,
+    joint_places,
+    pair_places,
+)
 from cdm_pin.findings import absorbed, is_above_steps, with_law_errors
 from cdm_pin.model import load_model
 from cdm_pin.problem import Problem, make_problem
@@ -21,7 +30,8 @@ from cdm_pin.robust import around, bursts, robust_score
 from cdm_pin.selection import Score, Search, Settings, all_candidates, scored
 from cdm_pin.sensor_noise import motion_limit
 from cdm_pin.signals import prepare
-from cdm_pin.unexplained import is_far
+from cdm_pin.spectra import Spectrum
+from cdm_pin.unexplained import is_far, ringing_torque
 from cdm_pin.wording import clause
 
 
@@ -175,7 +185,8 @@ def test_friction_may_hold_a_push_at_standstill(speed, size, place, held):
     time = np.linspace(0.0, 10.0, 1000)
     v = np.where((time > 4) & (time < 6), speed, 1.0)[:, None] * np.ones(3)
     speeds = {"v": v, "joint_speeds": v, "v_m": v, "velocity_noise": np.full(3, 1e-4)}
-    motion = SimpleNamespace(model=model, index=0, time=time, swing=None, **speeds)
+    anew = {"kept": lambda name, compute: compute()}
+    motion = SimpleNamespace(model=model, index=0, time=time, swing=None, **anew, **speeds)
     search = SimpleNamespace(problem=SimpleNamespace(model=model, motions=[motion]))
     places = joint_places(model)
     fit = SimpleNamespace(
@@ -659,3 +670,81 @@ def test_what_rounding_makes_is_not_told(effect, name, jitter, sides, size, told
     law = Candidate(CATALOGUE[effect], place, (0.1,) if effect == "backlash" else ())
     known = is_above_steps(SimpleNamespace(problem=problem), law, {name: {"value": size, "std": 1e-6}})
     assert known == told
+
+
+def test_encoder_noise_at_rest_wears_no_memory():
+    """Friction remembers at standstill from where the motion came, though the encoder flickers; it follows motion."""
+    rng = np.random.default_rng(0)
+    moving = np.linspace(0.0, 0.1, 500)
+    x = np.r_[moving, 0.1 + 2e-5 * rng.uniform(-1.0, 1.0, 5000)]
+    assert dahl(dragged(x, 2e-5), 2e-4)[-1] > 0.8 > 0.2 > dahl(x, 2e-4)[-1]
+    assert np.abs(dragged(moving, 2e-5) - moving).max() < 2.1e-5
+
+
+@pytest.mark.parametrize("best", [1 / 16, 1.0, 4.0])
+def test_the_distance_within_which_friction_gives_is_found(best):
+    """Of the multiples that are looked at, that with the least deviance; what gives nothing stays as it is."""
+    place = joint_places(load_model("urdf/planar3.yaml"))[0]
+    rubs = Candidate(CATALOGUE["coulomb_friction"], place, (0.01,), detail=0.01, gives=1.0)
+
+    def fit(effects, whitener):
+        return SimpleNamespace(deviance=100.0 * abs(np.log(effects[0].gives / best)))
+
+    found = Search.yielding(SimpleNamespace(fit=fit), [rubs, replace(rubs, gives=0.0)], None)
+    assert [c.gives for c in found] == [best, 0.0]
+
+
+@pytest.mark.parametrize(("std", "share"), [(1e-6, 1.0), (1e6, 0.0)])
+def test_masses_that_no_torque_tells_stay_as_the_file_has_them(std, share):
+    """A base parameter that is known moves the masses that load the bearings; one that is not does not."""
+    model = load_model("urdf/planar3.yaml")
+    base = base_parameters(model, columns=massive_columns(model))
+    p = len(base.columns)
+    sensors = SimpleNamespace(model=model)
+    search = SimpleNamespace(problem=SimpleNamespace(model=model, sensors=sensors), base=base)
+    change = 0.05 * base.values(model.standard_parameters)
+    change[0] += share - 1.0 and 500.0
+    covariance = np.diag([std**2, *np.full(p - 1, 1e-12)])
+    likely = Search._likely_masses(search, SimpleNamespace(base=change, covariance=covariance))
+    moved = base.values(likely.standard_parameters) - base.values(model.standard_parameters)
+    assert moved[1:] == pytest.approx(change[1:], rel=0.02, abs=1e-6)
+    assert np.abs(likely.standard_parameters - model.standard_parameters).max() < 1.0
+    assert moved[0] == pytest.approx(change[0], rel=0.02) or not share
+
+
+def test_dry_friction_that_is_sure_is_no_unequal_friction(tmp_path):
+    """A more general law is no alternative where what it has beyond the one that was found is no more than a trifle."""
+    model, runs, unseen, _ = loaded_trial(
+        tmp_path, 17, effects=["coulomb_friction"], visibility=3000.0, n_links=2, noise="white"
+    )
+    (finding,) = diagnose(model, runs, unseen).content["findings"]
+    others = {x["effect"] for x in finding["indistinguishable_from"]}
+    assert finding["effect"] == "coulomb_friction"
+    assert not others & {"asymmetric_friction", "stribeck_friction", "friction_drift", "position_dependent_friction"}
+
+
+@pytest.mark.parametrize(("height", "rings"), [(1.0, False), (100.0, True)])
+def test_a_residual_that_rings_is_no_noise(height, rings):
+    """Sensors have more noise at no frequency than at lower ones, but for what encoders make of accelerations."""
+    model, rng = load_model("urdf/cdm2.yaml"), np.random.default_rng(0)
+    power = np.ones((2, 20))
+    power[1, 8:11] *= height
+    noise = Spectrum(np.linspace(0.0, 0.5, 20), power, np.full((2, 20), 50.0), np.full(20, 0.05))
+    problem = SimpleNamespace(
+        model=model,
+        torque=True,
+        segments=[[(0, 400)]],
+        sensed=np.full(2, 0.1),
+        n_channels=2,
+        band=SimpleNamespace(reduced_rate=20.0),
+    )
+    search = SimpleNamespace(
+        problem=problem,
+        settings=Settings(),
+        loads=np.ones(2),
+        left_over=lambda effects, smooth=True: ([np.outer([0.0, 1.0], rng.normal(size=400))], noise),
+    )
+    told = ringing_torque(search, SimpleNamespace(effects=(), beta=()))
+    assert (told is not None) == rings
+    if told:
+        assert told["location"] == {"kind": "motor", "index": 2} and "Hz" in told["region"]
