@@ -466,9 +466,7 @@ GIVES = (1 / 64, 4.0)
 
 def _sign(motion: Motion, place: Place, shape: Shape) -> Vector:
     if isinstance(shape[0], Presliding):
-        band = 0.0
-        if motion.position_errors is not None:
-            band = float(np.abs(place.A) @ motion.position_errors[0] + np.abs(place.B) @ motion.position_errors[1])
+        band = motion.position_error(np.array(place.A), np.array(place.B))
         return dahl(dragged(_position(motion, place), band), shape[0])
     return np.tanh(_speed(motion, place) / shape[0])
 

@@ -182,7 +182,8 @@ class Motion:
     torque_measured : bool
         Whether the motors' torques were logged.
     position_errors : tuple of ndarray, shapes (n_joints,) and (n_motors,), optional
-        Standard deviation of what encoders' steps make of `q` and `q_m`, or of their noise; none if not given [rad].
+        Standard deviation of what encoders' steps make of `q` and `q_m`, or their noise; zero on a side that follows
+        from the other, none if not given [rad].
     bearings : CableModel, optional
         With the masses that load the hinges, where these are told from others than the model's.
     extra_joint, extra_motor : ndarray, optional
@@ -262,6 +263,17 @@ class Motion:
             while len(self._kept) > most:
                 self._kept.pop(next(iter(self._kept)))
         return self._kept[name]
+
+    def position_error(self, A: Vector, B: Vector) -> float:
+        """Give the standard deviation, at most, of what encoders make of a coordinate A q + B q_m [rad]."""
+        if self.position_errors is None:
+            return 0.0
+        joints, motors = self.position_errors
+        if not motors.any():
+            A, B = A + B @ self.model.motor_from_joint, np.zeros_like(B)
+        elif not joints.any():
+            A, B = np.zeros_like(A), A @ self.model.joint_from_motor + B
+        return float(np.abs(A) @ joints + np.abs(B) @ motors)
 
     @property
     def joints_alone(self) -> bool:

@@ -424,20 +424,20 @@ def _quieter(model: CableModel, signals: Signals, q: Vector, q_m: Vector) -> Vec
     return np.where(by_motors < signals.noise["joint_position"], model.joint_position(q_m), q)
 
 
-def _position_errors(model: CableModel, signals: Signals, parted: bool) -> tuple[Vector, Vector]:
-    """Give what encoders' steps, or noise where none were seen, make of the joints' and the motors' positions [rad].
+def _position_errors(model: CableModel, signals: Signals, sharp: float, parted: bool) -> tuple[Vector, Vector]:
+    """Give what encoders' steps, or noise where none were seen, make of positions up to a frequency [Hz].
 
-    Of motors as their own encoders see them only where they move apart from the joints, or nothing else was logged.
+    Nothing of a side that follows from the other: of motors where they do not move apart from logged joints.
     """
+    share = np.sqrt(min(2.0 * sharp / signals.rate, 1.0))
+    sizes = {"joint_position": model.n_joints, "motor_position": model.n_motors}
     own = {
-        side: np.where(signals.steps[side] > 0.0, signals.steps[side] / np.sqrt(12.0), signals.noise[side])
-        for side in ("joint_position", "motor_position")
+        side: share * np.where(signals.steps[side] > 0.0, signals.steps[side] / np.sqrt(12.0), signals.noise[side])
+        for side in sizes
         if side in signals.noise
     }
-    if "joint_position" not in own:
-        return np.abs(model.joint_from_motor) @ own["motor_position"], own["motor_position"]
-    joints = own["joint_position"]
-    return joints, own["motor_position"] if parted else np.abs(model.motor_from_joint) @ joints
+    joints, motors = (own.get(side, np.zeros(n)) for side, n in sizes.items())
+    return joints, motors if parted or "joint_position" not in own else np.zeros_like(motors)
 
 
 def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinematic: bool, index: int) -> Run:
@@ -471,7 +471,7 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
         index=index,
         inertia_noise=inertia_noise(model, signals) if torque else None,
         torque_measured=torque,
-        position_errors=_position_errors(model, signals, parted),
+        position_errors=_position_errors(model, signals, sharp, parted),
     )
     if torque and "joint_position" not in signals.logged:
         felt = Felt(measured_torques(model, signals.logged), q_m_raw, (sharp, min(lightly, band.slow)), signals.valid)

@@ -681,6 +681,20 @@ def test_encoder_noise_at_rest_wears_no_memory():
     assert np.abs(dragged(moving, 2e-5) - moving).max() < 2.1e-5
 
 
+def test_a_coordinate_is_as_unsure_as_the_encoders_that_say_it(tmp_path):
+    """What motors that follow from the joints have in common cancels; the filter takes of noise what it can."""
+    model, runs, _, _ = loaded_trial(tmp_path, 2, n_links=2, effects=0, positions="joint", bits=14, duration=30.0)
+    motion = make_problem(model, runs).motions[0]
+    joints, motors = motion.position_errors
+    step = 2 * np.pi / 2**14
+    assert np.all((joints > 0.01 * step) & (joints < step / np.sqrt(12.0))) and not motors.any()
+    back = model.joint_from_motor[1]  # the second joint, as its motors say it
+    assert motion.position_error(np.zeros(2), back) == pytest.approx(joints[1])
+    both = replace(motion, position_errors=(joints, joints))
+    assert both.position_error(np.zeros(2), back) == pytest.approx(np.abs(back) @ joints)
+    assert replace(motion, position_errors=None).position_error(np.ones(2), back) == 0.0
+
+
 @pytest.mark.parametrize("best", [1 / 16, 1.0, 4.0])
 def test_the_distance_within_which_friction_gives_is_found(best):
     """Of the multiples that are looked at, that with the least deviance; what gives nothing stays as it is."""
