@@ -621,9 +621,7 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
             unexplained = nameless(explanation) or unexplained
         unexplained = unexplained or wandering_torque(search, fit)
         if unexplained is None:
-            unexplained = ringing_torque(search, fit)
-            if unexplained is None and judge is not None:
-                unexplained = beyond_training(search, judge, fit)
+            unexplained = ringing_torque(search, fit) or (judge and beyond_training(search, judge, fit))
             if unexplained is not None:
                 stated = {j: v for j, v in stated.items() if _carries(judge or search, explanation, j)}
         if unexplained is None and named and not stated:

@@ -447,11 +447,11 @@ def _rub(motion: Motion, place: Place, *series: Vector) -> Columns:
 
 def _speed(motion: Motion, place: Place) -> Vector:
     """Give the speed by all that is known; of smooth laws, what known shifts change is in `Motion.drag_change`."""
-    return motion.kept(("speed", place.A, place.B), lambda: place.along(motion.joint_speeds, motion.v_m))
+    return place.along(motion.joint_speeds, motion.v_m)
 
 
 def _position(motion: Motion, place: Place) -> Vector:
-    return motion.kept(("position", place.A, place.B), lambda: place.along(motion.q, motion.q_m))
+    return place.along(motion.q, motion.q_m)
 
 
 class Presliding(float):

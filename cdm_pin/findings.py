@@ -247,7 +247,7 @@ def canonical_correlation(search: Search, without: Fit, a: Candidate, b: Candida
 def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[dict[str, Any]]:
     """List what the data cannot tell from finding `j`: at most three others, the likeliest first."""
     found = explanation.found[j]
-    settings = search.settings
+    effect, settings = found.candidate.effect, search.settings
     others = [f.candidate for i, f in enumerate(explanation.found) if i != j]
     without = search.fit(others, explanation.fit.whitener)
     out: list[dict[str, Any]] = []
@@ -257,13 +257,13 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
         if len(out) < 3 and entry not in out:
             out.append(entry)
 
-    kinds = {place.location["kind"] for place in found.candidate.effect.places(search.problem.model)}
+    kinds = {place.location["kind"] for place in effect.places(search.problem.model)}
     if not any(c.effect.follows for c in explanation.fit.effects):  # the map is right, then: what turns alike is one
         for twin in twin_places(search.problem.model, found.candidate.place):
             if twin.location["kind"] in kinds:
-                add(found.candidate.effect.name, twin.location)
+                add(effect.name, twin.location)
     close = settings.within(found.score.statistic)
-    rubs = found.candidate.effect.name == "coulomb_friction"
+    rubs = effect.name == "coulomb_friction"
     alike: list[tuple[bool, Candidate]] = []
     for rival, difference in _leaning(search, without, found):
         within = difference > -close and not _is_plainer(search, without, found.candidate, rival)
@@ -276,7 +276,6 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
             alike.append((same and rival.effect.name in STILL_DRY, rival))
     for _, rival in sorted(alike, key=lambda item: item[0]):  # the same elsewhere, guides and capstans last
         add(rival.name, rival.location)
-    effect = found.candidate.effect
     for play in _uncrossed(search, explanation, without, found) if effect.name in POSTURE else ():
         add(play.effect.name, play.location)
     for alias in found.candidate.place.aliases:

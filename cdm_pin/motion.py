@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -251,18 +250,6 @@ class Motion:
     motor_drags: tuple[tuple[Vector, float, float], ...] = ()
     felt: Felt | None = None
     swing: Swing | None = None
-
-    @cached_property
-    def _kept(self) -> dict[Hashable, Vector]:
-        return {}
-
-    def kept(self, name: Hashable, compute: Callable[[], Vector], most: int = 8) -> Vector:
-        """Give a series of this motion that was computed lately, or compute it; the oldest of some goes first."""
-        if name not in self._kept:
-            self._kept[name] = compute()
-            while len(self._kept) > most:
-                self._kept.pop(next(iter(self._kept)))
-        return self._kept[name]
 
     def position_error(self, A: Vector, B: Vector) -> float:
         """Give the standard deviation, at most, of what encoders make of a coordinate A q + B q_m [rad]."""

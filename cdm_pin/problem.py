@@ -248,12 +248,8 @@ class Problem:
         to_joints, largest = np.abs(self.model.joint_from_motor), []
         shares = {"joint_position": np.eye(len(to_joints)), "motor_position": to_joints}
         for run in self.runs:
-            noise, steps = run.signals.noise, run.signals.steps
-            sides = [
-                share @ np.where(steps[side] > 0.0, steps[side], np.sqrt(12.0) * noise[side])
-                for side, share in shares.items()
-                if side in noise
-            ]
+            errors = rounding_errors(run.signals)
+            sides = [np.sqrt(12.0) * share @ errors[side] for side, share in shares.items() if side in errors]
             largest.append(float(np.sum(sides, axis=0)[joint]))
         return max(largest)
 
@@ -424,19 +420,27 @@ def _quieter(model: CableModel, signals: Signals, q: Vector, q_m: Vector) -> Vec
     return np.where(by_motors < signals.noise["joint_position"], model.joint_position(q_m), q)
 
 
+def rounding_errors(signals: Signals) -> dict[str, Vector]:
+    """Give the standard deviation of what steps of encoders, or noise where none were seen, make of positions [rad].
+
+    Keys are the logged sides, ``joint_position`` and ``motor_position``.
+    """
+    return {
+        side: np.where(signals.steps[side] > 0.0, signals.steps[side] / np.sqrt(12.0), noise)
+        for side, noise in signals.noise.items()
+        if side in ("joint_position", "motor_position")
+    }
+
+
 def _position_errors(model: CableModel, signals: Signals, sharp: float, parted: bool) -> tuple[Vector, Vector]:
     """Give what encoders' steps, or noise where none were seen, make of positions up to a frequency [Hz].
 
     Nothing of a side that follows from the other: of motors where they do not move apart from logged joints.
     """
     share = np.sqrt(min(2.0 * sharp / signals.rate, 1.0))
-    sizes = {"joint_position": model.n_joints, "motor_position": model.n_motors}
-    own = {
-        side: share * np.where(signals.steps[side] > 0.0, signals.steps[side] / np.sqrt(12.0), signals.noise[side])
-        for side in sizes
-        if side in signals.noise
-    }
-    joints, motors = (own.get(side, np.zeros(n)) for side, n in sizes.items())
+    own = rounding_errors(signals)
+    joints = share * own.get("joint_position", np.zeros(model.n_joints))
+    motors = share * own.get("motor_position", np.zeros(model.n_motors))
     return joints, motors if parted or "joint_position" not in own else np.zeros_like(motors)
 
 

@@ -14,7 +14,7 @@ from .geometry import Vector
 from .measured import both_positions
 from .model import CableModel
 from .motion import Motion
-from .problem import Run
+from .problem import Problem, Run
 from .regions import change_time
 from .selection import Fit, Search, errors, rms
 from .signals_filters import differentiate, lowpass
@@ -85,6 +85,20 @@ def _size(explanation: Explanation, j: int) -> float:
     search, beta = explanation.search, explanation.fit.beta[j]
     torque = [np.tensordot(beta, columns, 1) for columns in search.columns(explanation.found[j].candidate)]
     return float(np.sqrt(np.sum(rms(search, torque) ** 2)))
+
+
+def _inside(torques: Sequence[Vector], problem: Problem) -> list[Vector]:
+    """Give what motors have of channels per run, in each stretch without gaps, shape (n_motors, fewer)."""
+    m = problem.model.n_motors
+    return [e[:m, a:b] for e, run in zip(torques, problem.segments, strict=True) for a, b in run]
+
+
+def _torque_that(does: str, parts: Sequence[Vector], model: CableModel) -> dict[str, Any]:
+    """Say of which joint or motor torques are, shape (n_motors, any number of samples) each, and what they do there."""
+    torque = np.concatenate(parts, axis=1)
+    place = _place_of(torque, model)
+    words = f"torque on {place['kind']} {place['index']} that {does}"
+    return something(place["kind"], place["index"], words, float(np.sqrt(np.mean(np.sum(torque**2, axis=0)))))
 
 
 def something(
@@ -173,8 +187,7 @@ def beyond_training(search: Search, judge: Search, fit: Fit, limit: float = 4.0)
     model = judge.problem.model
     place = {"kind": "motor", "index": worst % model.n_motors + 1}
     if judge.problem.torque:
-        inside = [e[: model.n_motors, a:b] for e, run in zip(rest, judge.problem.segments, strict=True) for a, b in run]
-        place = _place_of(np.concatenate(inside, axis=1), model)
+        place = _place_of(np.concatenate(_inside(rest, judge.problem), axis=1), model)
     words = f"in unseen recordings alone, whose error is {size[worst] / floor[worst]:.1f} times the noise"
     return something(place["kind"], place["index"], words, float(size[worst]))
 
@@ -205,28 +218,19 @@ def wandering_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     an error of the rigid body's torque and of the laws, and than steps of encoders bring, which are slow where motions
     are.
     """
-    problem, model = search.problem, search.problem.model
+    problem, m = search.problem, search.problem.model.n_motors
     rest, noise = search.left_over(fit.effects, smooth=False)
-    m = model.n_motors
     if not problem.torque or not problem.segments or np.max(wandering(noise)[:m]) < WANDERING:
         return None
     width = max(3, int(0.25 / max(float(noise.centres[0]), 1e-3)))
-    slow = []
-    for e, run in zip(rest, problem.segments, strict=True):
-        for a, b in run:
-            if b - a > 2 * width:
-                x = e[:m, a:b] - e[:m, a:b].mean(axis=1, keepdims=True)
-                slow.append(np.array([np.convolve(row, np.ones(width) / width, mode="valid") for row in x]))
+    long = [x - x.mean(axis=1, keepdims=True) for x in _inside(rest, problem) if x.shape[1] > 2 * width]
+    slow = [np.array([np.convolve(row, np.ones(width) / width, mode="valid") for row in x]) for x in long]
     if not slow:
         return None
-    both = np.concatenate(slow, axis=1)
+    size = np.sqrt(np.mean(np.concatenate(slow, axis=1) ** 2, axis=1))
     rigid, laws = search.settings.torque_error * search.loads, _accuracy(search, fit)
     least = np.max([rigid[:m], laws[:m], 2.0 * problem.sensors.rounding], axis=0)
-    if np.all(np.sqrt(np.mean(both**2, axis=1)) < least):
-        return None
-    place = _place_of(both, model)
-    words = f"torque on {place['kind']} {place['index']} that wanders slowly with time"
-    return something(place["kind"], place["index"], words, float(np.sqrt(np.mean(np.sum(both**2, axis=0)))))
+    return None if np.all(size < least) else _torque_that("wanders slowly with time", slow, problem.model)
 
 
 def ringing_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
@@ -235,30 +239,24 @@ def ringing_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     The noise of sensors is white or slow, and drifts are slower still: what the residual has more of at some frequency
     than at a lower one is none of these.
     """
-    problem, model = search.problem, search.problem.model
-    m = model.n_motors
+    problem, m = search.problem, search.problem.model.n_motors
     if not problem.torque or not any(problem.segments):
         return None
     rest, noise = search.left_over(fit.effects, smooth=False)
     rounder = search.left_over(fit.effects)[1]
-    loud = noise.rms[:m] > FAR * np.hypot(_least(search), _accuracy(search, fit))[:m]
-    peaks, others = ([_peak(power) for power in own.power[:m]] for own in (noise, rounder))
-    rises = [p[0] * bool(yes and o[0] > ROUNDER) for p, o, yes in zip(peaks, others, loud, strict=True)]
-    worst = int(np.argmax(rises))
-    if rises[worst] < PEAK:
+    loud = noise.rms > FAR * np.hypot(_least(search), _accuracy(search, fit))
+    own, beside = _rises(noise.power), _rises(rounder.power)
+    peaks = np.where(loud & (beside.max(axis=1) > ROUNDER), own.max(axis=1), 0.0)[:m]
+    worst = int(np.argmax(peaks))
+    if peaks[worst] < PEAK:
         return None
-    frequency = float(noise.centres[peaks[worst][1]]) * problem.band.reduced_rate
-    inside = [e[:m, a:b] for e, run in zip(rest, problem.segments, strict=True) for a, b in run]
-    both = np.concatenate(inside, axis=1)
-    place = _place_of(both, model)
-    words = f"torque on {place['kind']} {place['index']} that rings at about {frequency:.2g} Hz"
-    return something(place["kind"], place["index"], words, float(np.sqrt(np.mean(np.sum(both**2, axis=0)))))
+    frequency = float(noise.centres[np.argmax(own[worst])]) * problem.band.reduced_rate
+    return _torque_that(f"rings at about {frequency:.2g} Hz", _inside(rest, problem), problem.model)
 
 
-def _peak(power: Vector) -> tuple[float, int]:
-    """Give how much more power there is at some frequency than at a lower one, at most, and where."""
-    rise = power / np.maximum(np.minimum.accumulate(power), 1e-300)
-    return float(rise.max()), int(np.argmax(rise))
+def _rises(power: Vector) -> Vector:
+    """Give how much more power there is at each frequency than at a lower one, shape (n_channels, n_frequencies)."""
+    return power / np.maximum(np.minimum.accumulate(power, axis=1), 1e-300)
 
 
 def _place_of(torque: Vector, model: CableModel) -> dict[str, Any]:

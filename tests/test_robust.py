@@ -185,8 +185,7 @@ def test_friction_may_hold_a_push_at_standstill(speed, size, place, held):
     time = np.linspace(0.0, 10.0, 1000)
     v = np.where((time > 4) & (time < 6), speed, 1.0)[:, None] * np.ones(3)
     speeds = {"v": v, "joint_speeds": v, "v_m": v, "velocity_noise": np.full(3, 1e-4)}
-    anew = {"kept": lambda name, compute: compute()}
-    motion = SimpleNamespace(model=model, index=0, time=time, swing=None, **anew, **speeds)
+    motion = SimpleNamespace(model=model, index=0, time=time, swing=None, **speeds)
     search = SimpleNamespace(problem=SimpleNamespace(model=model, motions=[motion]))
     places = joint_places(model)
     fit = SimpleNamespace(
@@ -717,7 +716,7 @@ def test_masses_that_no_torque_tells_stay_as_the_file_has_them(std, share):
     sensors = SimpleNamespace(model=model)
     search = SimpleNamespace(problem=SimpleNamespace(model=model, sensors=sensors), base=base)
     change = 0.05 * base.values(model.standard_parameters)
-    change[0] += share - 1.0 and 500.0
+    change[0] += 0.0 if share else 500.0
     covariance = np.diag([std**2, *np.full(p - 1, 1e-12)])
     likely = Search._likely_masses(search, SimpleNamespace(base=change, covariance=covariance))
     moved = base.values(likely.standard_parameters) - base.values(model.standard_parameters)
