@@ -40,7 +40,7 @@ from .regions import region
 from .replay import Replay, simulated_position
 from .replay_runs import replay_runs
 from .selection import Bank, Fit, ProgressCallback, Search, Settings, all_candidates, errors, rms
-from .soft import softest
+from .soft import looser, softest
 from .unexplained import (
     at_corrections,
     beyond_floor,
@@ -224,28 +224,36 @@ def _pushes(search: Search, bank: Bank, effects: Sequence[Candidate], most: int 
 def _swinging(
     search: Search, seen: Problem | None, first: Explanation, progress: ProgressCallback | None
 ) -> Explanation:
-    """Explain the recordings by links that swing on a soft cable, where only motors are measured and that is likelier.
+    """Explain the recordings by links that swing on a soft cable or within a cable's play, where that is likelier.
 
-    It is looked at only where something of that kind was found, or no law explains what is left; and it has to predict
-    unseen recordings as well.
+    It is looked at only where motors alone are measured and something of that kind was found, or no law explains what
+    is left; and it has to predict unseen recordings as well.
     """
     if any(motion.felt is None for motion in search.problem.motions) or first.everywhere:
         return first
     found = [f.candidate for f in first.found]
-    if not any(c.effect.name in SOFT or not c.named for c in found):
-        left, noise = (first.search.left_over(found, smooth=smooth)[1].rms for smooth in (False, True))
-        if not np.any(left > ROUGH * noise):
-            return first
+    plays = [(c, beta) for c, beta in zip(found, first.fit.beta, strict=True) if c.effect.name == "backlash"]
+    left, noise = (first.search.left_over(found, smooth=smooth)[1].rms for smooth in (False, True))
+    rough = any(c.effect.name in SOFT or not c.named for c in found) or bool(np.any(left > ROUGH * noise))
+    if not (plays or rough):
+        return first
     if progress is not None:
         progress("soft cables", 0.9)
-    soft = softest(search, [c for c in found if c.named and c.effect.name not in SOFT and c.effect.name != "backlash"])
-    if soft is None:
-        return first
-    there, effects = soft
+    laws = [c for c in found if c.named and c.effect.name not in SOFT and c.effect.name != "backlash"]
     own = _likely(first)
-    if _likelihood(there, effects) < own:
+    best: tuple[float, Search, list[Candidate]] = (own, search, [])
+    for beside in ([], laws)[: 1 + bool(laws)]:  # what was found may only stand for the soft cable
+        ways = [looser(search, plays, beside)]
+        if rough:
+            ways.append(softest(search, beside))
+        best = max([best, *((_likelihood(*way), *way) for way in ways if way is not None)], key=lambda way: way[0])
+        if best[0] > own:
+            break
+    likely, there, effects = best
+    if likely <= own:
         return first
-    again = explain(there.with_drift(effects), progress, start=effects)
+    instead = frozenset({("cable_slack", effects[0].key[1])})  # of first order, where this one is integrated
+    again = explain(there.with_drift(effects), progress, instead, start=effects)
     if not any(f.candidate.is_swinging(again.search.problem.motions[0]) for f in again.found):
         return first
     if _likely(again) < own:

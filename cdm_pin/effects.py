@@ -1909,19 +1909,28 @@ class Candidate:
         return columns
 
     def is_swinging(self, motion: Motion) -> bool:
-        """Whether this is the soft cable on which the links swing in a motion."""
+        """Whether this is the soft cable, or the one with play, on which the links swing in a motion."""
         swing = motion.swing
-        return swing is not None and self.effect.name == "cable_elasticity" and self.place.index[0] == swing.cable
+        if swing is None or not (self.rattles if swing.half_gap else self.effect.name == "cable_elasticity"):
+            return False
+        return self.place.index[0] == swing.cable
+
+    @property
+    def rattles(self) -> bool:
+        """Whether it is a play whose links' motion is integrated, beyond it with a contact's stiffness (in `shape`)."""
+        return self.effect.name == "backlash" and len(self.shape) > 1
 
     def law_error(self, motion: Motion) -> float:
         """Share of itself that the law may be wrong by on a motion: less where the links swing on its cable."""
-        return SWUNG if self.is_swinging(motion) else self.effect.error
+        return SWUNG if self.is_swinging(motion) and not self.rattles else self.effect.error
 
     def raw_columns(self, motion: Motion) -> Columns:
         """Columns on one motion, as torques act where they act."""
         if self.is_swinging(motion):
-            return Columns(np.zeros((motion.n, motion.model.n_motors, 2)))
+            return Columns(np.zeros((motion.n, motion.model.n_motors, 1 if self.rattles else 2)))
         columns = self.effect.columns(motion, *self._here)
+        if self.rattles and columns.torque is not None:  # where nothing is integrated
+            return Columns(columns.torque[..., :1])
         if not self.detail or columns.along is None or self.effect.detail is None:
             return columns
         series, w = columns.along
@@ -2103,16 +2112,20 @@ def loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]], *, swing
         motion = replace(motion.swing.still, model=motion.model)
     motion = _loaded(motion, effects)
     soft = [(c, c.admissible(b)) for c, b in effects if c.effect.name == "cable_elasticity" and b[0] > 0.0]
+    soft = [(c, b) for c, b in effects if c.rattles and b[0] > 0.0] or soft
     if motion.felt is None or not soft or not swings:
         return motion
-    from .swing import swung
+    from .swing import rattling, swung
 
     candidate, beta = max(soft, key=lambda item: float(item[1][0]))
-    stiffness = 1.0 / beta[0]
+    cable = candidate.place.index[0]
     carried = motion.driven_torque - motion.tau_m
     if motion.extra_driven is not None:
         carried = carried + motion.extra_driven
-    moved = swung(motion, candidate.place.index[0], stiffness, float(beta[1]) * stiffness**2, carried)
+    if candidate.rattles:
+        moved = rattling(motion, cable, candidate.shape[1], float(beta[0]), carried)
+    else:
+        moved = swung(motion, cable, 1.0 / beta[0], float(beta[1] / beta[0] ** 2), carried)
     return motion if moved.swing is None else _loaded(moved, effects)
 
 
@@ -2131,6 +2144,7 @@ def _loaded(motion: Motion, effects: Sequence[tuple[Candidate, Vector]]) -> Moti
     blank |= {"extra_logged": None, "gains": 1.0}
     motion = replace(motion.stretched(None), **blank, springs=springs, drags=at_joints, motor_drags=at_motors)
     joint, motor = np.zeros_like(motion.q), np.zeros_like(motion.q_m)
+    effects = [(c, beta) for c, beta in effects if not c.rattles]  # by how far is integrated
     moving = [(c.effect.moves, c, beta) for c, beta in effects if c.effect.moves is not None]
     for moves, candidate, beta in sorted(moving, key=lambda item: item[1].effect.follows):
         motion = moves(motion, candidate.place, beta, candidate.shape)

@@ -10,7 +10,7 @@ import numba
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 from scipy.fft import dst, idst
-from scipy.signal import welch
+from scipy.signal import find_peaks, welch
 from scipy.signal.windows import tukey
 
 from .cables import hinge_reaction
@@ -27,6 +27,12 @@ SLOW_ROTORS = 4.0
 """Up to which frequency rotors' accelerations are taken from torques that tell where the joints are [Hz]."""
 MANY_LEAPS = 300
 """More changes of side than these are not looked at one by one."""
+LEAP = 0.05
+"""Time before and after a leap of a position in which all else of it is smooth [s]."""
+LEAPS = 15.0
+"""How many times its usual size a leap has to be."""
+FEW_LEAPS, ALIKE = 4, 0.8
+"""How many leaps say where a torque's zero is at least, and which share of them has to be as those of a play."""
 FELT = 5.0
 """Up to which frequency torques tell on which side of its play a cable is [Hz]."""
 CLEAR = 10.0
@@ -53,6 +59,58 @@ class Felt:
     position: Vector
     cutoffs: tuple[float, float]
     valid: np.ndarray
+
+    def zero(self, i: int, load: Vector, rate: float) -> float:
+        """Give what a load of cable i (n,) seems to be where the cable changes sides: what its zero is off by.
+
+        It does where its motor leaps, and then from the side on which it lay to the other. Nothing where there are few
+        leaps, or such as no play makes.
+        """
+        at, up = leaps(self.position[:, i], rate)
+        own = self.valid[at]
+        at, up, half = at[own], up[own], max(round(0.5 * LEAP * rate), 1)
+        if len(at) < FEW_LEAPS:
+            return 0.0
+        rising = np.sign(load[at + half] - load[at - half]) == np.sign(up)
+        sizes = np.abs(up) / np.median(np.abs(up))
+        if np.mean(rising) < ALIKE or np.mean(np.abs(sizes - 1.0) < 0.5) < ALIKE:
+            return 0.0
+        there = float(np.median(load[at]))
+        spread = float(np.median(np.abs(load[at] - there)))
+        return there if abs(there) > 3.0 * spread else 0.0
+
+
+def leaps(position: Vector, rate: float) -> tuple[np.ndarray, Vector]:
+    """Find the samples at which a position leaps beside a cubic polynomial, and half of by how much.
+
+    Parameters
+    ----------
+    position : ndarray, shape (n,)
+        [rad].
+    rate : float
+        [Hz].
+
+    Returns
+    -------
+    at : ndarray of int, shape (k,)
+        A few tenths of a second from the ends at least.
+    up : ndarray, shape (k,)
+        [rad].
+    """
+    half = max(round(LEAP * rate), 6)
+    if len(position) < 6 * half:
+        return np.zeros(0, int), np.zeros(0)
+    t = (np.arange(2 * half) - half + 0.5) / half
+    smooth = np.linalg.qr(np.stack([t**0, t, t**2, t**3], axis=1))[0]
+    side = np.sign(t) - smooth @ (smooth.T @ np.sign(t))
+    around = np.lib.stride_tricks.sliding_window_view(position, 2 * half)
+    rest = around - (around @ smooth) @ smooth.T
+    up = rest @ side / (side @ side)
+    share = up**2 * (side @ side) / np.maximum(np.einsum("ij,ij->i", rest, rest), 1e-300)
+    size = np.abs(up) * (share > 0.7)
+    peaks = find_peaks(size, height=LEAPS * float(np.median(np.abs(up))), distance=half)[0]
+    peaks = peaks[(peaks > 2 * half) & (peaks < len(up) - 2 * half)]
+    return peaks + half, up[peaks]
 
 
 def leaping(torque: Vector, position: Vector, width: float, rate: float, near: float = 0.1) -> Vector:
@@ -329,9 +387,19 @@ class Motion:
         torque = lowpass(self.felt.torque, self.rate, FELT) - rotors
         return (torque if self.extra_motor is None else torque - self.extra_motor) / self.model.arm_scale
 
+    @cached_property
+    def played_load(self) -> Vector:
+        """Torque of each cable on its link that says on which side of a play it lies, shape (n, n_motors) [N m].
+
+        `felt_load`, less what a sensor's zero is off by, where leaps of the motors tell it.
+        """
+        assert self.felt is not None
+        load = self.felt_load
+        return load - np.array([self.felt.zero(i, x, self.rate) for i, x in enumerate(load.T)])
+
     def changes_sides(self, i: int) -> bool:
         """Whether cable i pulls both ways, or may for all that is known: else its play would be an encoder's offset."""
-        return self.felt is None or bool(np.ptp(np.sign(self.felt_load[self.felt.valid, i])) > 0)
+        return self.felt is None or bool(np.ptp(np.sign(self.played_load[self.felt.valid, i])) > 0)
 
     def felt_side(self, i: int, width: float) -> tuple[Vector, Vector, Vector]:
         """Give on which side of its play cable i lies, -1 to 1, and the rates, by torque and positions of the motors.
@@ -352,7 +420,7 @@ class Motion:
         from .signals_filters import lowpass
 
         assert self.felt is not None
-        side = leaping(self.felt_load[:, i], self.felt.position[:, i], width, self.rate)
+        side = leaping(self.played_load[:, i], self.felt.position[:, i], width, self.rate)
         x, slow = (lowpass(side, self.rate, cutoff) for cutoff in self.felt.cutoffs)
         return x, derivatives(x, self.rate)[0], derivatives(slow, self.rate)[1]
 

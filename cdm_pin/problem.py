@@ -187,6 +187,8 @@ class Problem:
         """
         swing = self.runs[0].motion.swing
         hung = () if swing is None else (swing.cable, round(np.log(swing.stiffness) / np.log(4.0 / 3.0)))
+        if swing is not None and swing.half_gap:
+            hung = (*hung, round(np.log(swing.half_gap) / np.log(1.1)))
         shifts = [run.motion.moved for run in self.runs if run.motion.moved is not None]
         size = np.sqrt(np.mean(np.concatenate(shifts) ** 2, axis=0)) if shifts else np.array([])
         return hung, tuple(np.round(np.log(np.maximum(size, 1e-5)) / np.log(1.1)).astype(int).tolist())

@@ -20,6 +20,12 @@ DAMPING = 0.05
 """Damping ratio to start from."""
 ENOUGH = 20.0
 """What is looked at for the first comparison [s]."""
+SLOWEST, FASTEST = np.array([0.6, 0.2]), np.array([1.7, 5.0])
+"""By which factor coefficients may change in one step."""
+GAPS = (0.002, 0.004, 0.008, 0.016, 0.032)
+"""Halves of a play that are tried where nothing tells of one [rad]."""
+CONTACTS = (12.0, 40.0)
+"""Frequencies with which links swing on the contact at the ends of a play [Hz]."""
 
 
 def softest(
@@ -45,14 +51,43 @@ def softest(
     effects : list of Candidate
         The soft cable, then the others. None where no cable lets links swing.
     """
-    law, starts = CATALOGUE["cable_elasticity"], []
+    law = CATALOGUE["cable_elasticity"]
+    cables = [Candidate(law, place) for place in law.places(search.problem.model)]
+    return _best(
+        search, [(c, beta) for c in cables for beta in _starts(search.problem, c.place.index[0])], beside, rounds, best
+    )
+
+
+def looser(
+    search: Search, plays: Sequence[tuple[Candidate, Vector]], beside: Sequence[Candidate] = (), rounds: int = 10
+) -> tuple[Search, list[Candidate]] | None:
+    """Find the cable with play within which the links move freely, and give the search about that motion.
+
+    As `softest`, from plays that were found so far with their coefficients, or where there are none from any.
+    """
+    problem, starts = search.problem, []
+    law = CATALOGUE["backlash"]
+    known = [(c, (0.7 * beta[0], beta[0], 1.4 * beta[0])) for c, beta in plays if beta[0] > 0.0]
+    every = [Candidate(law, place, law.grid(problem.motions, place)[0]) for place in law.places(problem.model)]
+    for play, gaps in known or [(c, GAPS) for c in every if search.is_crossed(c)]:
+        mass = _inertia(problem.motions[0], play.place.index[0])
+        for frequency in CONTACTS if mass > 0.0 else ():
+            shape = (play.shape[0], mass * (2.0 * np.pi * frequency) ** 2)
+            starts += [(replace(play, shape=shape, detail=0.0), np.array([gap])) for gap in gaps]
+    return _best(search, starts, beside, rounds)
+
+
+def _best(
+    search: Search,
+    starts: Sequence[tuple[Candidate, Vector]],
+    beside: Sequence[Candidate],
+    rounds: int,
+    best: int = 4,
+) -> tuple[Search, list[Candidate]] | None:
+    """Pursue what leaves least after two steps, first on a part of a recording; give the search about the best."""
     short = Search(_shortened(search.problem), search.base, search.settings, search.held)
-    for place in law.places(search.problem.model):
-        candidate = Candidate(law, place)
-        for beta in _starts(search.problem, place.index[0]):
-            starts.append((_pursued(short, candidate, beta, beside, 2)[1], candidate, beta))
-    starts.sort(key=lambda item: item[0])
-    kept = _finite(_pursued(short, candidate, beta, beside, rounds) for _, candidate, beta in starts[:best])
+    starts = sorted(starts, key=lambda start: _pursued(short, *start, beside, 2)[1])
+    kept = _finite(_pursued(short, *start, beside, rounds) for start in starts[:best])
     others = [there for there in kept[1:] if not _alike(there, kept[0])]
     ready = _finite(_pursued(search, *there.swung[0], beside, rounds) for there in [*kept[:1], *others[:1]])
     return (ready[0], [candidate for candidate, _ in ready[0].swung]) if ready else None
@@ -104,7 +139,7 @@ def _pursued(
         left = _left(search, fit, beta)
         if left < best[1]:
             best = search, left
-        step = np.clip(fit.beta[0], beta * [0.6, 0.2], beta * [1.7, 5.0])
+        step = np.clip(fit.beta[0], beta * SLOWEST[: len(beta)], beta * FASTEST[: len(beta)])
         if np.all(np.abs(step - beta) < 1e-3 * np.abs(beta)):
             break
         change, beta, coefficients = fit.base[: len(change)], step, [step, *fit.beta[1:]]

@@ -27,6 +27,8 @@ LEAST_DAMPING = 2e-3
 """Least damping ratio that is integrated with: an estimate may pass through less."""
 FARTHEST = 0.6
 """Travel that is taken for possible [rad]."""
+CONTACT = 0.3
+"""Damping ratio of the contact at the ends of a play."""
 LONGEST = 8
 """Stretches without gaps whose first state is estimated, the longest."""
 
@@ -51,6 +53,8 @@ class Swing:
         Motor torque of unit swings from the first states of stretches without gaps.
     still : Motion
         As if the cable were rigid.
+    half_gap : float
+        Travel to either side within which the cable carries nothing: its play [rad].
     """
 
     cable: int
@@ -61,6 +65,7 @@ class Swing:
     travel: Vector
     free: Vector
     still: Motion
+    half_gap: float = 0.0
 
     def answer(self, load: Vector) -> Vector:
         """Give travel, speed and acceleration under a further load of the cable, shapes (n,) -> (3, n)."""
@@ -73,8 +78,15 @@ class Swing:
 
     @property
     def compliant(self) -> Vector:
-        """Derivatives of the motors' torque by beta = (1/K, D/K^2), shape (n, n_motors, 2)."""
+        """Derivatives of the motors' torque by beta, shape (n, n_motors, k).
+
+        By (1/K, D/K^2) of a soft cable, by half of the play of one that has it.
+        """
         K, D = self.stiffness, self.damping
+        if self.half_gap:
+            touching = np.abs(self.travel[0]) > self.half_gap
+            by_gap = self.answer(K * np.sign(self.travel[0]) * touching)
+            return np.einsum("dn,dnm->nm", by_gap, self.slopes)[..., None]
         by_K, by_D = (np.einsum("dn,dnm->nm", self.answer(-x), self.slopes) for x in self.travel[:2])
         return np.stack([-(K**2) * by_K - 2.0 * D * K * by_D, K**2 * by_D], axis=-1)
 
@@ -128,6 +140,50 @@ def swung(motion: Motion, cable: int, stiffness: float, damping: float, carried:
     if not np.isfinite(moved.tau_m).all() or np.abs(x[0, felt.valid]).max() > 0.999 * FARTHEST:
         return motion
     return replace(moved, swing=Swing(cable, stiffness, damping, oscillator, slopes, x, free, motion))
+
+
+def rattling(motion: Motion, cable: int, stiffness: float, half_gap: float, carried: Vector) -> Motion:
+    """Give the motion of links on one cable that has play, within which it carries nothing.
+
+    Where its sides touch, the contact is a stiff spring that is well damped: of how it bounces the band tells nothing.
+    The first state is at rest on that side on which the load lies.
+
+    Parameters
+    ----------
+    motion : Motion
+        As if the cable were rigid, with what its motors felt.
+    cable : int
+    stiffness : float
+        Of the contact [N m/rad].
+    half_gap : float
+        [rad].
+    carried : ndarray, shape (n, n_motors)
+        What the cables carry beside the rigid body's torque [N m].
+    """
+    scale, b = motion.model.arm_scale[cable], motion.model.joints_per_travel(cable)
+    x, moved, damping = np.zeros((3, motion.n)), motion, 0.0
+    slopes = own = np.zeros((3, 0))
+    for k in range(ROUNDS):
+        if k < 2:
+            slopes = slopes_along(moved, b)
+            own = -slopes[..., cable] / scale
+            usual = float(np.median(own[2]))
+            if not usual > 0.0:
+                return motion
+            own[2] = np.maximum(own[2], 0.1 * usual)
+            damping = 2.0 * CONTACT * np.sqrt(usual * stiffness)
+        torque = moved.tau_m + moved.spring_torque() - motion.spring_torque()
+        load = (torque + carried)[:, cable] / scale + np.einsum("dn,dn->n", own, x)
+        fine = int(np.ceil(6.0 * np.sqrt(stiffness / own[2].min()) / motion.rate))
+        x = _tame(_rattle(own, load, stiffness, damping, half_gap, 1.0 / motion.rate, fine))
+        moved = _moved(motion, x, b)
+    if not np.isfinite(moved.tau_m).all() or np.abs(x[0]).max() > 0.999 * FARTHEST:
+        return motion
+    touching = np.abs(x[0]) > half_gap
+    oscillator = own + touching * np.array([stiffness, damping, 0.0])[:, None]
+    oscillator[0] = np.maximum(oscillator[0], 1e-3 * stiffness)
+    none = np.zeros((0, motion.n, motion.model.n_motors))
+    return replace(moved, swing=Swing(cable, stiffness, damping, oscillator, slopes, x, none, motion, half_gap))
 
 
 def _tame(x: Vector) -> Vector:
@@ -204,4 +260,36 @@ def _integrate(oscillator, load, x, v, dt):
             co, si = e, e * dt
         x = y * co + (w + a * y) * si + p + r * dt
         v = w * co - (a * w + wn2 * y) * si + r
+    return out
+
+
+@numba.njit(cache=True)
+def _rattle(own, load, stiffness, damping, gap, dt, fine):
+    """Step the links' m x'' + c x' + k x, and a contact beyond a gap on either side, under a load, in fine steps.
+
+    By the trapezoidal rule, with the contact as it is at the start of each of them.
+    """
+    n, h = len(load), dt / fine
+    out = np.empty((3, n))
+    x, v = np.sign(load[0]) * (gap + abs(load[0]) / stiffness), 0.0
+    for t in range(n):
+        touches = abs(x) > gap
+        force = own[1, t] * v + own[0, t] * x
+        if touches:
+            force += stiffness * (x - np.sign(x) * gap) + damping * v
+        out[0, t], out[1, t], out[2, t] = x, v, (load[t] - force) / own[2, t]
+        if t + 1 == n:
+            break
+        for s in range(fine):
+            share = (s + 0.5) / fine
+            k, c, m = own[:, t] + share * (own[:, t + 1] - own[:, t])
+            r = load[t] + share * (load[t + 1] - load[t])
+            if abs(x) > gap:
+                r += stiffness * np.sign(x) * gap
+                k += stiffness
+                c += damping
+            late = 0.5 * h * c / m + 0.25 * h * h * k / m
+            speed = (v * (1.0 - late) + h * (r - k * x) / m) / (1.0 + late)
+            x += 0.5 * h * (v + speed)
+            v = speed
     return out

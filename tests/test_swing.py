@@ -1,4 +1,4 @@
-"""Compliance that only motors see: the oscillator, what comes through it, play by leaps; both found in recordings."""
+"""Compliance that only motors see: the oscillator, what comes through it, play by leaps and by its free flight."""
 
 import numpy as np
 import pytest
@@ -7,11 +7,11 @@ from trials import loaded_trial
 
 from cdm_pin.diagnose import _helps, diagnose
 from cdm_pin.effects import CATALOGUE, Candidate, loaded, passed
-from cdm_pin.motion import leaping
+from cdm_pin.motion import Felt, leaping
 from cdm_pin.problem import make_problem
-from cdm_pin.swing import oscillate, swung
+from cdm_pin.swing import _rattle, oscillate, swung
 
-SOFT = CATALOGUE["cable_elasticity"]
+SOFT, PLAY = CATALOGUE["cable_elasticity"], CATALOGUE["backlash"]
 
 
 @pytest.fixture(scope="module")
@@ -150,6 +150,43 @@ def test_play_changes_sides_when_the_motor_leaps(lag, rate):
 def test_play_stays_with_the_torque_where_nothing_leaps():
     torque, position, side = played(0.0, gap=0.0)
     np.testing.assert_allclose(leaping(torque, position, 0.02, 200.0), side, atol=1e-12)
+
+
+@pytest.mark.parametrize("off", [0.0, 0.8])
+def test_leaps_of_a_motor_tell_what_a_torque_is_at_zero(off):
+    """A torque whose zero is off says at other times that a play is crossed; where the motor leaps it says its zero."""
+    torque, position, _ = played()
+    valid = np.ones(len(torque), bool)
+    felt = Felt((torque + off)[:, None], position[:, None], (8.0, 8.0), valid)
+    assert felt.zero(0, torque + off, 200.0) == pytest.approx(off, abs=0.03)
+    smooth = Felt(felt.torque, played(gap=0.0)[1][:, None], (8.0, 8.0), valid)
+    assert smooth.zero(0, torque + off, 200.0) == 0.0
+
+
+def test_a_contact_beyond_a_gap_is_integrated_like_by_a_general_integrator():
+    t = np.arange(0.0, 6.0, 0.005)
+    load = lambda u: 3.0 * np.sin(2.0 * u) + np.cos(5.0 * u)  # noqa: E731
+    own = np.stack([np.full_like(t, 5.0), np.full_like(t, 0.2), np.full_like(t, 0.1)])
+    x = _rattle(own, load(t), 600.0, 4.0, 0.02, 0.005, 12)
+
+    def slope(u, y):
+        beyond = np.sign(y[0]) * max(abs(y[0]) - 0.02, 0.0)
+        contact = 600.0 * beyond + 4.0 * y[1] * (beyond != 0.0)
+        return [y[1], (load(u) - 0.2 * y[1] - 5.0 * y[0] - contact) / 0.1]
+
+    known = solve_ivp(slope, (0.0, 6.0), x[:2, 0], t_eval=t, rtol=1e-8, atol=1e-10, max_step=1e-3).y
+    np.testing.assert_allclose(x[0], known[0], atol=0.02 * np.abs(known[0]).max())
+
+
+def test_column_of_a_play_is_about_the_derivative_of_what_its_motion_asks_for(motion):
+    """About, as when it touches is known to a sample: enough to find the play step by step."""
+    play, valid = Candidate(PLAY, PLAY.places(motion.model)[0], (0.05, 400.0)), motion.felt.valid
+    moved = loaded(motion, [(play, np.array([0.01]))])
+    assert moved.swing.half_gap == 0.01 and np.any(np.abs(moved.swing.travel[0]) < 0.01)
+    both = [loaded(motion, [(play, np.array([0.01 + step]))]).tau_m for step in (1e-5, -1e-5)]
+    known, own = (both[0] - both[1]) / 2e-5, play.columns(moved).torque[..., 0]
+    assert np.linalg.norm((own - known)[valid]) < 0.3 * np.linalg.norm(known[valid])
+    assert play.columns(motion).torque.shape[2] == own.ndim - 1  # one, too, where nothing is integrated
 
 
 def test_play_is_told_from_the_motors_alone(tmp_path):
