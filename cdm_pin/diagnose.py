@@ -233,8 +233,10 @@ def _swinging(
         return first
     found = [f.candidate for f in first.found]
     plays = [(c, beta) for c, beta in zip(found, first.fit.beta, strict=True) if c.effect.name == "backlash"]
-    left, noise = (first.search.left_over(found, smooth=smooth)[1].rms for smooth in (False, True))
-    rough = any(c.effect.name in SOFT or not c.named for c in found) or bool(np.any(left > ROUGH * noise))
+    rough = any(c.effect.name in SOFT or not c.named for c in found)
+    if not rough:
+        left, noise = (first.search.left_over(found, smooth=smooth)[1].rms for smooth in (False, True))
+        rough = bool(np.any(left > ROUGH * noise))
     if not (plays or rough):
         return first
     if progress is not None:
@@ -249,8 +251,8 @@ def _swinging(
         best = max([best, *((_likelihood(*way), *way) for way in ways if way is not None)], key=lambda way: way[0])
         if best[0] > own:
             break
-    likely, there, effects = best
-    if likely <= own:
+    _, there, effects = best
+    if not effects:
         return first
     instead = frozenset({("cable_slack", effects[0].key[1])})  # of first order, where this one is integrated
     again = explain(there.with_drift(effects), progress, instead, start=effects)

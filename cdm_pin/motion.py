@@ -53,22 +53,29 @@ class Felt:
         Of the filters that gave positions and velocities, and accelerations [Hz].
     valid : ndarray of bool, shape (n,)
         Samples away from gaps and ends.
+    rate : float
+        Samples per second.
     """
 
     torque: Vector
     position: Vector
     cutoffs: tuple[float, float]
     valid: np.ndarray
+    rate: float
 
-    def zero(self, i: int, load: Vector, rate: float) -> float:
+    @cached_property
+    def _leaps(self) -> list[tuple[np.ndarray, Vector]]:
+        """The leaps of each motor away from gaps and ends."""
+        every = [leaps(x, self.rate) for x in self.position.T]
+        return [(at[self.valid[at]], up[self.valid[at]]) for at, up in every]
+
+    def zero(self, i: int, load: Vector) -> float:
         """Give what a load of cable i (n,) seems to be where the cable changes sides: what its zero is off by.
 
         It does where its motor leaps, and then from the side on which it lay to the other. Nothing where there are few
         leaps, or such as no play makes.
         """
-        at, up = leaps(self.position[:, i], rate)
-        own = self.valid[at]
-        at, up, half = at[own], up[own], max(round(0.5 * LEAP * rate), 1)
+        (at, up), half = self._leaps[i], max(round(0.5 * LEAP * self.rate), 1)
         if len(at) < FEW_LEAPS:
             return 0.0
         rising = np.sign(load[at + half] - load[at - half]) == np.sign(up)
@@ -395,7 +402,7 @@ class Motion:
         """
         assert self.felt is not None
         load = self.felt_load
-        return load - np.array([self.felt.zero(i, x, self.rate) for i, x in enumerate(load.T)])
+        return load - np.array([self.felt.zero(i, x) for i, x in enumerate(load.T)])
 
     def changes_sides(self, i: int) -> bool:
         """Whether cable i pulls both ways, or may for all that is known: else its play would be an encoder's offset."""

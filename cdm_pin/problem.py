@@ -480,7 +480,9 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
         position_errors=_position_errors(model, signals, sharp, parted),
     )
     if torque and "joint_position" not in signals.logged:
-        felt = Felt(measured_torques(model, signals.logged), q_m_raw, (sharp, min(lightly, band.slow)), signals.valid)
+        felt = Felt(
+            measured_torques(model, signals.logged), q_m_raw, (sharp, min(lightly, band.slow)), signals.valid, rate
+        )
         motion = replace(motion, felt=felt)
     channels = [measured_torques(model, signals.logged)] if torque else []
     stated = np.zeros_like(travel)

@@ -130,7 +130,7 @@ def swung(motion: Motion, cable: int, stiffness: float, damping: float, carried:
     for k in range(ROUNDS):
         if k == 1:
             slopes, oscillator, own, free = linearised(moved)
-        torque = moved.tau_m + moved.spring_torque() - motion.spring_torque()  # springs where the links are, too
+        torque = _asked(moved, motion)
         load = (torque + carried)[:, cable] / scale - stiffness * x[0] - damping * x[1]
         step = _tame(oscillate(oscillator, load, 1.0 / motion.rate))
         rest = np.nan_to_num(measured - torque - np.einsum("dn,dnm->nm", step, slopes))
@@ -172,7 +172,7 @@ def rattling(motion: Motion, cable: int, stiffness: float, half_gap: float, carr
                 return motion
             own[2] = np.maximum(own[2], 0.1 * usual)
             damping = 2.0 * CONTACT * np.sqrt(usual * stiffness)
-        torque = moved.tau_m + moved.spring_torque() - motion.spring_torque()
+        torque = _asked(moved, motion)
         load = (torque + carried)[:, cable] / scale + np.einsum("dn,dn->n", own, x)
         fine = int(np.ceil(6.0 * np.sqrt(stiffness / own[2].min()) / motion.rate))
         x = _tame(_rattle(own, load, stiffness, damping, half_gap, 1.0 / motion.rate, fine))
@@ -196,6 +196,11 @@ def _tame(x: Vector) -> Vector:
 def _moved(motion: Motion, x: Vector, b: Vector) -> Motion:
     q, v, a = (old + np.outer(own, b) for old, own in zip((motion.q, motion.v, motion.a), x, strict=True))
     return replace(motion, q=q, v=v, a=a)
+
+
+def _asked(moved: Motion, motion: Motion) -> Vector:
+    """Give the motors' torque of the rigid body, and of known springs beyond that on `motion`, where the links are."""
+    return moved.tau_m + moved.spring_torque() - motion.spring_torque()
 
 
 def slopes_along(motion: Motion, b: Vector) -> Vector:

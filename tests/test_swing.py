@@ -157,10 +157,10 @@ def test_leaps_of_a_motor_tell_what_a_torque_is_at_zero(off):
     """A torque whose zero is off says at other times that a play is crossed; where the motor leaps it says its zero."""
     torque, position, _ = played()
     valid = np.ones(len(torque), bool)
-    felt = Felt((torque + off)[:, None], position[:, None], (8.0, 8.0), valid)
-    assert felt.zero(0, torque + off, 200.0) == pytest.approx(off, abs=0.03)
-    smooth = Felt(felt.torque, played(gap=0.0)[1][:, None], (8.0, 8.0), valid)
-    assert smooth.zero(0, torque + off, 200.0) == 0.0
+    felt = Felt((torque + off)[:, None], position[:, None], (8.0, 8.0), valid, 200.0)
+    assert felt.zero(0, torque + off) == pytest.approx(off, abs=0.03)
+    smooth = Felt(felt.torque, played(gap=0.0)[1][:, None], (8.0, 8.0), valid, 200.0)
+    assert smooth.zero(0, torque + off) == 0.0
 
 
 def test_a_contact_beyond_a_gap_is_integrated_like_by_a_general_integrator():
