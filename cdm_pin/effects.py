@@ -940,9 +940,12 @@ def _backlash(motion: Motion, place: Place, shape: Shape) -> Columns:
     i, model = place.index[0], motion.model
     rotor = np.eye(model.n_motors)[i] * model.rotor_inertia[i] / model.arm_scale[i]
     if motion.joints_measured:
-        seen = _moved(motion, np.tanh(motion.cable_torque[:, i] / shape[0]), i, None)
-        zero = np.zeros((motion.n, model.n_motors, 1))
-        return _stack([seen, Columns(zero, zero)]) if rotor.any() and seen.kinematic is not None else seen
+        side = motion.crossed_side(i, shape[0])
+        seen = _moved(motion, np.tanh(motion.cable_torque[:, i] / shape[0]) if side is None else side, i, None)
+        if seen.kinematic is None or not rotor.any():
+            return seen
+        turn = np.zeros(motion.n) if side is None else derivatives(side, motion.rate)[1]
+        return _stack([seen, Columns((turn[:, None] * rotor)[..., None], np.zeros_like(seen.kinematic))])
     if motion.felt is not None:
         side = motion.felt_side(i, shape[0])
     else:
@@ -1570,7 +1573,7 @@ CATALOGUE: dict[str, Effect] = {
         ),
         Effect(
             "backlash",
-            (Parameter("half_gap", _RAD, 0.0, error=0.002, error_unseen=0.15),),
+            (Parameter("half_gap", _RAD, 0.0, error=0.005, error_unseen=0.15),),
             cable_places,
             _backlash,
             _named("half_gap"),

@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 
 MUCH = 2e7
 """Numbers that derivatives by all coordinates may take."""
+ON_SIDE, CLEAR_SIDES, TIGHT_SIDES = 3.0, 8.0, 0.35
+"""Least torque on a side of a play, in widths; least play, in errors of the travel; most spread of a side, in plays."""
+ARRIVED, FLIGHT = 0.9, 0.5
+"""Share of a play after which a side is reached, and how long that may take [s]."""
 SLOW_ROTORS = 4.0
 """Up to which frequency rotors' accelerations are taken from torques that tell where the joints are [Hz]."""
 MANY_LEAPS = 300
@@ -154,6 +158,49 @@ def leaping(torque: Vector, position: Vector, width: float, rate: float, near: f
     if sure.sum() > MANY_LEAPS:
         return side
     return _leapt(side, position, np.round(crossings[sure] + shifts[sure]).astype(int), rate)
+
+
+def crossing(torque: Vector, travel: Vector, width: float, error: float, rate: float) -> Vector | None:
+    """Give on which side of its play a cable lies, and where between, -1 to 1, as encoders on both sides say.
+
+    The links are free in between: the torque says which side they leave, and which they go to, the travel how far they
+    are.
+
+    Parameters
+    ----------
+    torque, travel : ndarray, shape (n,)
+        Of the cable on its link [N m], and of its motor beyond what its joints say [rad].
+    width : float
+        Torque within which the play may be crossed [N m].
+    error : float
+        Standard deviation of the travel's error [rad].
+    rate : float
+        [Hz].
+
+    Returns
+    -------
+    ndarray or None, shape (n,)
+        None unless the sides are much farther apart than the travel is wrong by, and little but a spring moves it else.
+    """
+    on = np.where(np.abs(torque) > ON_SIDE * width, np.sign(torque), 0.0)
+    if min(np.sum(on > 0.0), np.sum(on < 0.0)) < max(2.0 * LEAP * rate, 8.0):
+        return None
+    least = [np.median(np.abs(torque[on == way])) for way in (1.0, -1.0)]  # by half of the time it has arrived
+    sure = np.abs(torque) >= np.where(on > 0.0, *least)
+    X = np.stack([np.ones(len(torque)), on, torque], axis=1)
+    beta = np.linalg.lstsq(X[sure & (on != 0.0)], travel[sure & (on != 0.0)], rcond=None)[0]
+    half, rest = float(beta[1]), travel - X @ beta
+    spread = max(float(np.median(np.abs(rest[sure & (on == way)]))) for way in (1.0, -1.0))
+    if half <= CLEAR_SIDES * error or spread > TIGHT_SIDES * half:
+        return None
+    part = np.clip((rest + half * on) / half, -1.0, 1.0)
+    there = part * on > ARRIVED
+    free = on == 0.0
+    for start in np.flatnonzero((on[1:] != 0.0) & (on[1:] != on[:-1])) + 1:  # it may not have arrived there
+        stop = start + int(FLIGHT * rate)
+        reached = np.flatnonzero(there[start:stop] | (on[start:stop] != on[start]))
+        free[start : start + reached[0] if len(reached) else stop] = True
+    return np.where(free, part, np.sign(torque))
 
 
 def _leapt(side: Vector, position: Vector, crossings: np.ndarray, rate: float) -> Vector:
@@ -430,6 +477,22 @@ class Motion:
         side = leaping(self.played_load[:, i], self.felt.position[:, i], width, self.rate)
         x, slow = (lowpass(side, self.rate, cutoff) for cutoff in self.felt.cutoffs)
         return x, derivatives(x, self.rate)[0], derivatives(slow, self.rate)[1]
+
+    def crossed_side(self, i: int, width: float) -> Vector | None:
+        """Give on which side of its play cable i lies, shape (n,), where encoders on both sides say it; else None.
+
+        Parameters
+        ----------
+        i : int
+        width : float
+            Torque at the joint within which the play may be crossed [N m].
+        """
+        if not (self.joints_measured and self.motors_measured):
+            return None
+        scale, back = self.model.arm_scale[i], self.model.motor_from_joint[i]
+        travel = (self.q_m[:, i] - self.q @ back) * scale
+        error = scale * self.position_error(back, np.eye(self.model.n_motors)[i])
+        return crossing(self.cable_torque[:, i], travel, width, error, self.rate)
 
     @cached_property
     def joint_angles(self) -> Vector:

@@ -7,7 +7,7 @@ from trials import loaded_trial
 
 from cdm_pin.diagnose import _helps, diagnose
 from cdm_pin.effects import CATALOGUE, Candidate, loaded, passed
-from cdm_pin.motion import Felt, leaping
+from cdm_pin.motion import Felt, crossing, leaping
 from cdm_pin.problem import make_problem
 from cdm_pin.swing import _rattle, oscillate, swung
 
@@ -209,3 +209,37 @@ def test_play_that_is_never_crossed_is_an_offset(tmp_path):
     (finding,) = diagnose(model, runs, unseen).content["findings"]
     listed = [finding["effect"], *(rival["effect"] for rival in finding["indistinguishable_from"])]
     assert "base_tilt" in listed and finding["effect"] != "backlash"
+
+
+def flights(rate=200.0, half=0.01, stiffness=1500.0):
+    """Load of a cable, and the travel of its motor, whose links take 0.15 s from one side of a play to the other."""
+    t = np.arange(0.0, 40.0, 1.0 / rate)
+    load = np.sin(0.9 * t) + 0.3 * np.sin(2.3 * t)
+    side = np.sign(load)
+    for k in np.flatnonzero(np.diff(side)) + 1:
+        way = np.linspace(0.0, 1.0, round(0.15 * rate)) ** 2
+        side[k : k + len(way)] = side[k - 1] * (1.0 - 2.0 * way[: len(side) - k])
+    return load, half * side + load / stiffness, side
+
+
+def test_encoders_on_both_sides_say_when_a_play_is_crossed():
+    load, travel, side = flights()
+    noisy = travel + np.random.default_rng(3).normal(0.0, 1e-4, len(travel))
+    own = crossing(load, noisy, 0.02, 1e-4, 200.0)
+    assert np.abs(own - side).mean() < 0.01
+    assert np.abs(np.sign(load) - side).mean() > 5 * np.abs(own - side).mean()
+
+
+@pytest.mark.parametrize(
+    "travel",
+    [
+        pytest.param(lambda load, t: 1e-4 * np.random.default_rng(4).normal(size=len(t)), id="noise"),
+        pytest.param(lambda load, t: 0.02 * np.sin(1.7 * t), id="a wave of the cable map"),
+        pytest.param(lambda load, t: -0.01 * np.sign(load), id="against the load"),
+        pytest.param(lambda load, t: 0.01 * np.sign(load + 2.0), id="on one side"),
+    ],
+)
+def test_what_is_no_play_is_not_read_as_one(travel):
+    load = flights()[0]
+    t = np.arange(len(load)) / 200.0
+    assert crossing(load, travel(load, t), 0.02, 1e-4, 200.0) is None
