@@ -731,7 +731,7 @@ def at_known_place(candidate: Candidate, model: CableModel, alike: float = 0.999
 
 def _hysteresis_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
     if is_whole_cable(place.location):
-        return [(f * (_greatest_load(motions, place) or 1.0), 0.0) for f in (0.1, 0.4)]
+        return [(f * (greatest_load(motions, place) or 1.0), 0.0) for f in (0.1, 0.4)]
     r = reach(motions, place)
     if place.is_pair:
         return [(0.02 * r, 0.0), (0.1 * r, 0.0)]
@@ -740,7 +740,7 @@ def _hysteresis_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
 
 def _hysteresis_bounds(motions: Sequence[Motion], place: Place) -> list[tuple[float, float]]:
     if is_whole_cable(place.location):
-        most = _greatest_load(motions, place) or 1.0
+        most = greatest_load(motions, place) or 1.0
         return [(0.03 * most, 3.0 * most), (0.0, 1.0)]
     r = reach(motions, place)
     return [(0.003 * r, 1.0 * r), (0.0, 1.0)]
@@ -968,12 +968,12 @@ def _played(motion: Motion, place: Place, beta: Vector, shape: Shape) -> Motion:
 
 
 def _crossing_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
-    most = _greatest_load(motions, place) or 1.0
+    most = greatest_load(motions, place) or 1.0
     return [(share * most,) for share in (0.015, 0.005)]
 
 
 def _crossing_bounds(motions: Sequence[Motion], place: Place) -> list[tuple[float, float]]:
-    most = _greatest_load(motions, place) or 1.0
+    most = greatest_load(motions, place) or 1.0
     return [(0.001 * most, 0.03 * most)]
 
 
@@ -1000,19 +1000,20 @@ def _slack(motion: Motion, place: Place, shape: Shape) -> Columns:
     return _compliant(motion, place.index[0], shape[0])
 
 
-def _greatest_load(motions: Sequence[Motion], place: Place) -> float:
+def greatest_load(motions: Sequence[Motion], place: Place) -> float:
+    """Give the torque at its link that a cable hardly ever exceeds [N m]."""
     load = np.concatenate([m.cable_torque[:, place.index[0]] for m in motions])
     return float(np.quantile(np.abs(load), 0.99))
 
 
 def _load_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
-    most = _greatest_load(motions, place)
+    most = greatest_load(motions, place)
     return [(share * most,) for share in (0.1, 0.25, 0.45, 0.7, 0.9) if most > 0]
 
 
 def _load_bounds(motions: Sequence[Motion], place: Place) -> list[tuple[float, float]]:
     """Keep off both ends: with all loads beyond it or none, slack is elasticity."""
-    most = _greatest_load(motions, place)
+    most = greatest_load(motions, place)
     return [(0.05 * most, 0.95 * most)] if most > 0 else []
 
 

@@ -9,7 +9,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .completed import effect_candidates
-from .effects import CATALOGUE, DRAGS, SHARING, Candidate, at_known_place, extremes, sign_width, twin_places
+from .effects import (
+    CATALOGUE,
+    DRAGS,
+    SHARING,
+    Candidate,
+    at_known_place,
+    extremes,
+    greatest_load,
+    sign_width,
+    twin_places,
+)
 from .events import Reporter
 from .everywhere import kinds_first, needed, rubs_everywhere
 from .geometry import Vector
@@ -59,6 +69,8 @@ WHOLE = 0.95
 """Share that is as good as all of it."""
 ODD = 4.0
 """By how much log-evidence likelier what turns at a ratio of its own with two axes must be than what turns with one."""
+MOST_STRETCH = 0.35
+"""By how much no cable gives under what it carries [rad]."""
 SETTLING = 12
 """Rounds in which columns that follow the torques of others come to rest; delayed friction takes the most."""
 PREFERENCE = 2.0
@@ -849,7 +861,7 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
     peak = np.max([np.abs(x[:m]).max(axis=1) for x in torque], axis=0)
     if push and np.all(peak <= 0.5 * problem.sensors.torque_steps):
         return False
-    if candidate.effect.name in COMPLIANT and _is_damper(search, candidate, beta):
+    if candidate.effect.name in COMPLIANT and _is_no_cable(search, candidate, beta):
         return False
     if candidate.effect.name == "torque_offset" and np.all(peak <= _drifted(search, fit)):
         return False
@@ -879,10 +891,12 @@ def _drifted(search: Search, fit: Fit) -> Vector:
     return np.maximum(size, seen.min()) if 2 * len(seen) > len(size) else size
 
 
-def _is_damper(search: Search, cable: Candidate, beta: Vector) -> bool:
-    """Whether a cable would give less to a torque than to its rate of change, as no cable does in the band."""
+def _is_no_cable(search: Search, cable: Candidate, beta: Vector) -> bool:
+    """Whether a cable would give less to a torque than to its rate of change, or further than any cable does."""
     gives = [rms(search, [b * columns[k] for columns in search.columns(cable)]) for k, b in enumerate(beta[:2])]
-    return len(gives) > 1 and float(np.linalg.norm(gives[1])) > float(np.linalg.norm(gives[0]))
+    if len(gives) > 1 and float(np.linalg.norm(gives[1])) > float(np.linalg.norm(gives[0])):
+        return True
+    return float(beta[0]) * greatest_load(search.problem.motions, cable.place) > MOST_STRETCH
 
 
 def _is_held(search: Search, push: Candidate, size: float, fit: Fit) -> bool:

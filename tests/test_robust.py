@@ -606,6 +606,7 @@ def test_a_cable_gives_as_a_spring_first(tmp_path, damping, gives):
     search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
     (soft, *_) = all_candidates(problem, ["cable_elasticity"])
     assert explain.is_resolved(search, soft, 0.01 * np.array([1.0, damping]), search.fit([])) == gives
+    assert not explain.is_resolved(search, soft, 1.0 * np.array([1.0, damping]), search.fit([]))  # by a radian and more
 
 
 @pytest.mark.parametrize(("offset", "told"), [(1e-5, False), (5e-5, True), (-5e-5, True)])
