@@ -162,6 +162,8 @@ EQUAL = 0.9999
 """Canonical correlation of dry friction with what is dry friction on these data."""
 ROUNDED = ("encoder_offset", "backlash")
 """What encoders that round may look like."""
+LISTED = 5.0
+"""Difference of log-likelihood below which a rival is listed: noise spectra are estimates, and small sums lean on them."""
 HIDDEN = 0.3
 """Share that is left over of an effect of which it is said what takes the rest."""
 TRIFLE = 0.05
@@ -262,7 +264,7 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
         for twin in twin_places(search.problem.model, found.candidate.place):
             if twin.location["kind"] in kinds:
                 add(effect.name, twin.location)
-    close = settings.within(found.score.statistic)
+    close = settings.within(found.score.statistic, least=LISTED)
     rubs = effect.name == "coulomb_friction"
     alike: list[tuple[bool, Candidate]] = []
     for rival, difference in _leaning(search, without, found):
