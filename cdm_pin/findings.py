@@ -163,7 +163,7 @@ EQUAL = 0.9999
 ROUNDED = ("encoder_offset", "backlash")
 """What encoders that round may look like."""
 LISTED = 5.0
-"""Difference of log-likelihood below which a rival is listed: noise spectra are estimates, and small sums lean on them."""
+"""Difference of log-likelihood below which a rival is listed: noise spectra are estimates, small sums lean on them."""
 HIDDEN = 0.3
 """Share that is left over of an effect of which it is said what takes the rest."""
 TRIFLE = 0.05
