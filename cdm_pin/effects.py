@@ -1166,14 +1166,13 @@ def _tilt_axes(model: CableModel) -> list[Vector]:
 
 
 def _delay(motion: Motion, place: Place, shape: Shape) -> Columns:
-    """Shift the model's torque in time; the part of the change that is even in time is that of what is known of it.
+    """Shift the model's torque in time, as far as it is known.
 
-    That part smooths, noise as well: the noise that a model's torque has from positions would call for a delay.
+    The noise that a model's torque has from positions would call for a delay, as shifting smooths it, and make one look
+    shorter than it is, as what is shifted is not all torque.
     """
-    later, earlier = (delayed(motion.logged_torque, motion.rate, d) for d in (shape[0], -shape[0]))
     known = motion.clear_logged_torque
-    smoothed = 0.5 * sum(delayed(known, motion.rate, d) for d in (shape[0], -shape[0])) - known
-    late = motion.gains * (0.5 * (later - earlier) + smoothed) / shape[0]
+    late = motion.gains * (delayed(known, motion.rate, shape[0]) - known) / shape[0]
     if place.index:
         late = late * np.eye(motion.model.n_motors)[place.index[0]]
     return Columns(late[..., None])

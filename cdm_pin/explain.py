@@ -69,6 +69,8 @@ WHOLE = 0.95
 """Share that is as good as all of it."""
 ODD = 4.0
 """By how much log-evidence likelier what turns at a ratio of its own with two axes must be than what turns with one."""
+RUBS = ("unnamed_rub", "unnamed_velocity", "unnamed_cross_rub", "unnamed_brake", "unnamed_wear", "unnamed_reversal")
+"""Corrections without a name that are frictions."""
 MOST_STRETCH = 0.35
 """By how much no cable gives under what it carries [rad]."""
 SETTLING = 12
@@ -876,7 +878,23 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
         least = np.maximum(least, ROUNDED * problem.sensors.rounding)
         if is_coarse(problem):
             least = np.maximum(least, UNSURE * problem.sensed[:m])
+        if candidate.effect.name in RUBS and _is_pushed(search, torque, fit):
+            return False
     return bool(np.any(visible * own[:m] > least))
+
+
+def _is_pushed(search: Search, torque: Sequence[Vector], fit: Fit) -> bool:
+    """Whether a friction no larger than the noise drives on the whole: noise that acts on the arm then moves it.
+
+    Velocities of a closed loop follow the noise in its torques (Van den Hof, Annual Reviews in Control 22, 1998).
+    """
+    m = search.problem.model.n_motors
+    noise = rms(search, errors(search, fit.base, fit.effects, fit.beta))[:m]
+    if np.any(rms(search, torque)[:m] > noise):
+        return False
+    moved = [search.problem.band.reduce(motion.v_m.T) for motion in search.problem.motions]
+    power = np.concatenate([np.sum(x[:m] * v, axis=0) for x, v in zip(torque, moved, strict=True)])
+    return bool(np.sum(power) < -0.5 * np.sum(np.abs(power)))
 
 
 def _drifted(search: Search, fit: Fit) -> Vector:

@@ -404,7 +404,9 @@ def test_no_delay_follows_from_noise(arm):
         (delayed(m.logged_torque, m.rate, 0.01) - m.logged_torque)[50:-50, 0] / 0.01 for m in (shaken, motion)
     )
     assert abs(residual @ late) < 0.1 * abs(residual @ smoothed)
-    np.testing.assert_allclose(true, exact, atol=1e-2 * np.abs(exact).max())
+    assert late @ exact == pytest.approx(late @ late, rel=5e-3)  # nor does noise make one look shorter
+    inside = slice(150, -150)  # what is known ends a second after the recording begins, and before it ends
+    np.testing.assert_allclose(true[inside], exact[inside], atol=1e-2 * np.abs(exact).max())
 
 
 def test_ends_of_a_recording_are_no_motion(arm):

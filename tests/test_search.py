@@ -22,7 +22,7 @@ from cdm_pin.next_experiment import plan_next
 from cdm_pin.plant.draw import draw
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording, load_recording
-from cdm_pin.selection import Score, Search, Settings, all_candidates, rms, tones
+from cdm_pin.selection import Score, Search, Settings, all_candidates, errors, rms, tones
 from cdm_pin.signals_filters import differentiate, lowpass
 from cdm_pin.spectra import spectrum, stands_out, whitener_of
 from cdm_pin.urdf import generate_urdf
@@ -315,6 +315,19 @@ def test_what_clocks_and_derivatives_leave_is_no_effect(tmp_path):
     push = next(c for c in all_candidates(problem, ["external_torque"]))
     blow = replace(push, shape=(5.0, 5.0 + 0.5 / problem.band.cutoff, 0))
     assert not is_resolved(search, blow, np.array([100.0]), search.fit([]))
+
+
+@pytest.mark.parametrize(("share", "due"), [(0.5, True), (-0.5, False), (-2.0, True)])
+def test_what_noise_does_to_the_arm_is_no_friction(tmp_path, share, due):
+    """A nameless friction that drives is the motion that noise makes, unless it is larger than that."""
+    model, runs, _, _ = loaded_trial(tmp_path, 3, effects=0, **CAPSTAN)
+    problem = make_problem(model, runs)
+    search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
+    fit = search.fit([])
+    (rub, *_) = all_candidates(problem, ["unnamed_reversal"])
+    noise = rms(search, errors(search, fit.base, [], []))[0]
+    size = share * noise / rms(search, [c[0] for c in search.columns(rub)])[0]
+    assert is_resolved(search, rub, np.array([size, 0.0, 0.0, 0.0, 0.0]), fit) is due
 
 
 def coarse_recording(model, step=2 * np.pi / 2**12, duration=60.0, offset=0.0):
