@@ -196,8 +196,12 @@ def is_known(
     """Whether any parameter that says how large an effect is, or any coefficient, differs from zero (a gain from one).
 
     Two effects at one place may share a level that neither has alone; what tells them apart is known all the same. The
-    coefficients of a spring are those of a polynomial, which are known together where none is alone.
+    coefficients of a spring are those of a polynomial, which are known together where none is alone. A coupling has to
+    have a ratio that is known.
     """
+    ratio = values.get("ratio") if candidate.effect.name == "transmission_coupling" else None
+    if ratio is not None and abs(ratio["value"]) <= least * ratio["std"]:  # with which joint, then?
+        return False
     sizes = [
         abs(v["value"] - (name == "gain")) / max(v["std"], 1e-300) for name, v in values.items() if name not in SHAPES
     ]

@@ -22,7 +22,7 @@ from cdm_pin.effects import (
     joint_places,
     pair_places,
 )
-from cdm_pin.findings import absorbed, is_above_steps, with_law_errors
+from cdm_pin.findings import absorbed, is_above_steps, is_known, with_law_errors
 from cdm_pin.model import load_model
 from cdm_pin.problem import Problem, make_problem
 from cdm_pin.recording import Recording
@@ -596,6 +596,14 @@ def test_structure_far_above_the_sensors_noise_is_far(left, smooth, far):
     )
     smooth_rms = smooth
     assert is_far(search, SimpleNamespace(effects=())) == far
+
+
+@pytest.mark.parametrize(("spread", "known"), [(0.1, True), (3.0, False)])
+def test_a_coupling_has_a_ratio(spread, known):
+    """What turns with a joint at any ratio turns with another as well, however sure its inertia is."""
+    values = {"ratio": {"value": 1.0, "std": spread}, "inertia": {"value": 1e-3, "std": 1e-4}}
+    coupling = SimpleNamespace(effect=SimpleNamespace(name="transmission_coupling", signs=(1,)))
+    assert is_known(values, coupling, np.array([1e-3]), np.array([[1e-8]])) == known
 
 
 @pytest.mark.parametrize(("damping", "gives"), [(0.0, True), (0.02, True), (3.0, False), (-3.0, False)])
