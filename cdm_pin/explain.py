@@ -69,6 +69,8 @@ WHOLE = 0.95
 """Share that is as good as all of it."""
 ODD = 4.0
 """By how much log-evidence likelier what turns at a ratio of its own with two axes must be than what turns with one."""
+WRONG = 0.1
+"""Share of its torque by which no law is wrong."""
 RUBS = ("unnamed_rub", "unnamed_velocity", "unnamed_cross_rub", "unnamed_brake", "unnamed_wear", "unnamed_reversal")
 """Corrections without a name that are frictions."""
 MOST_STRETCH = 0.35
@@ -404,14 +406,20 @@ def _within(search: Search, law: Candidate, statistic: float, least: float) -> f
 def _is_all_but_errors(search: Search, without: Fit, own: Candidate, rival: Candidate) -> bool:
     """Whether a law explains, beside a fit, all that another one does but for what the laws may be wrong by.
 
-    How much a cable gives is a spring's error; that it gives no more beyond some torque is none.
+    How much a cable gives is a spring's error; that it gives no more beyond some torque is none. Nor is a good part of
+    the torque, such as a constant where slow noise hides constants.
     """
     others = without.effects
     if own.effect.name == "cable_slack" and rival.effect.name in COMPLIANT:
         return False
     beside, both = (search.fit(effects, without.whitener) for effects in ([*others, rival], [*others, rival, own]))
     more = beside.residual - both.residual
-    return float(more @ more) < _error_of_laws(search, own, more, beside)
+    if float(more @ more) >= _error_of_laws(search, own, more, beside):
+        return False
+    one, two = (errors(search, f.base, f.effects, f.beta) for f in (beside, both))
+    law = [np.tensordot(search.fit([*others, own], without.whitener).beta[-1], x, 1) for x in search.columns(own)]
+    apart = [x - y for x, y in zip(search.still(one), search.still(two), strict=True)]
+    return bool(np.linalg.norm(rms(search, apart)) < WRONG * np.linalg.norm(rms(search, law)))
 
 
 def _peaked(explanation: Explanation, most: float = 0.2) -> Explanation:

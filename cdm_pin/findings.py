@@ -272,7 +272,8 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
     rubs = effect.name == "coulomb_friction"
     alike: list[tuple[bool, Candidate]] = []
     for rival, difference in _leaning(search, without, found):
-        within = difference > -close and not _is_plainer(search, without, found.candidate, rival)
+        trifle = difference < close and _is_plainer(search, without, found.candidate, rival)
+        within = difference > -close and not trifle
         if not within and difference <= -0.1 * found.gain - 30:
             continue
         asked = rubs or not within

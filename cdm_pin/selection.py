@@ -788,6 +788,14 @@ class Search:
         quiet = quiet_segments(residuals, self.problem.segments)
         return self._rests.keep((residuals, spectrum(residuals, basis, quiet)), _key(effects), smooth)
 
+    def loosely_left_over(self, fit: Fit) -> Vector:
+        """Give the rms of what a plain fit leaves over where the shapes of its effects give way, too, to first order."""
+        slopes = [slope for c, b in zip(fit.effects, fit.beta, strict=True) for slope in self.slopes(c, b)]
+        if not slopes:
+            return self.left_over(fit.effects, smooth=False)[1].rms
+        residuals, basis = self._rest(fit.effects, [np.concatenate(own) for own in zip(*slopes, strict=True)])
+        return spectrum(residuals, basis, quiet_segments(residuals, self.problem.segments)).rms
+
     def _rest(
         self, effects: Sequence[Candidate], further: Sequence[Vector] | None
     ) -> tuple[list[Vector], list[Vector]]:

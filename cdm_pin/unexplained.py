@@ -138,11 +138,13 @@ def beyond_floor(search: Search, judge: Search | None, explanation: Explanation)
     """Say where a residual is left that no correction describes either; None where it is near the floor.
 
     The second value is how large it is, as a sum of squares in units of the noise. Corrections without a name see
-    torques only, so where there is travel alone less may be left without a word.
+    torques only, so where there is travel alone less may be left without a word. On unseen recordings shapes may be
+    others: those of the training need not tell them well, such as how friction rises at speeds that it hardly has.
     """
     limit = 2.0 if search.problem.torque else 1.5
     fit, both = explanation.fit, [search] if judge is None else [search, judge]
-    rests = [there.left_over(fit.effects, smooth=False)[1].rms for there in both]
+    rests = [search.left_over(fit.effects, smooth=False)[1].rms]
+    rests += [] if judge is None else [judge.loosely_left_over(fit)]
     least = np.max([_least(there) for there in both], axis=0)
     floors = [_floor(there, fit, least) for there in both]
     ratios = np.divide(rests, floors)
