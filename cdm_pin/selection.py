@@ -789,7 +789,7 @@ class Search:
         return self._rests.keep((residuals, spectrum(residuals, basis, quiet)), _key(effects), smooth)
 
     def loosely_left_over(self, fit: Fit) -> Vector:
-        """Give the rms of what a plain fit leaves over where the shapes of its effects give way, too, to first order."""
+        """Give the rms of what a plain fit leaves over if the shapes of its effects give way, too, to first order."""
         slopes = [slope for c, b in zip(fit.effects, fit.beta, strict=True) for slope in self.slopes(c, b)]
         if not slopes:
             return self.left_over(fit.effects, smooth=False)[1].rms
