@@ -121,6 +121,22 @@ def test_gains_do_not_live_on_the_torque_of_what_they_replace(tmp_path):
     assert np.max(np.divide(*[content["fit"]["holdout"][k] for k in ("rmse_augmented", "noise_floor")])) < 3.0
 
 
+def test_no_constant_is_an_error_of_a_law(tmp_path):
+    """Friction that differs by a third either way, in slow noise: the sign alone leaves a constant that noise hides."""
+    model, runs, unseen, _ = loaded_trial(tmp_path, 198739516215584, effects=2, at_least=50.0, bits=14)
+    content = diagnose(model, runs, unseen).content
+    assert content["verdict"] == "missing_physics"
+    assert {f["effect"] for f in content["findings"]} == {"asymmetric_friction", "encoder_offset"}
+
+
+def test_shapes_that_only_unseen_recordings_tell_well_are_no_fault(tmp_path):
+    """A peak of friction at speeds that the training hardly has."""
+    model, runs, unseen, _ = loaded_trial(tmp_path, 264741712892203, effects=1, at_least=50.0, bits=14)
+    content = diagnose(model, runs, unseen).content
+    assert content["verdict"] == "missing_physics"
+    assert [f["effect"] for f in content["findings"]] == ["stribeck_friction"]
+
+
 def test_a_refinement_that_masses_hide_is_listed(tmp_path):
     """Unequal friction whose difference the masses take up: equal friction is named, the other beside it."""
     model, runs, unseen, _ = loaded_trial(tmp_path, 171121126677185, effects=1, at_least=50.0, bits=17)
