@@ -24,6 +24,7 @@ from .events import Reporter
 from .everywhere import kinds_first, needed, rubs_everywhere
 from .geometry import Vector
 from .model import CableModel
+from .patches import RUBS
 from .robust import UNSURE, is_coarse, robust_score
 from .selection import (
     COMPLIANT,
@@ -71,8 +72,6 @@ ODD = 4.0
 """By how much log-evidence likelier what turns at a ratio of its own with two axes must be than what turns with one."""
 WRONG = 0.1
 """Share of its torque by which no law is wrong."""
-RUBS = ("unnamed_rub", "unnamed_velocity", "unnamed_cross_rub", "unnamed_brake", "unnamed_wear", "unnamed_reversal")
-"""Corrections without a name that are frictions."""
 MOST_STRETCH = 0.35
 """By how much no cable gives under what it carries [rad]."""
 SETTLING = 12
@@ -416,9 +415,9 @@ def _is_all_but_errors(search: Search, without: Fit, own: Candidate, rival: Cand
     more = beside.residual - both.residual
     if float(more @ more) >= _error_of_laws(search, own, more, beside):
         return False
-    one, two = (errors(search, f.base, f.effects, f.beta) for f in (beside, both))
+    plain = (errors(search, f.base, f.effects, f.beta) for f in (beside, both))
+    apart = search.still([one - two for one, two in zip(*plain, strict=True)])
     law = [np.tensordot(search.fit([*others, own], without.whitener).beta[-1], x, 1) for x in search.columns(own)]
-    apart = [x - y for x, y in zip(search.still(one), search.still(two), strict=True)]
     return bool(np.linalg.norm(rms(search, apart)) < WRONG * np.linalg.norm(rms(search, law)))
 
 
@@ -886,9 +885,9 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
         least = np.maximum(least, ROUNDED * problem.sensors.rounding)
         if is_coarse(problem):
             least = np.maximum(least, UNSURE * problem.sensed[:m])
-        if candidate.effect.name in RUBS and _is_pushed(search, torque, fit):
-            return False
-    return bool(np.any(visible * own[:m] > least))
+    if not np.any(visible * own[:m] > least):
+        return False
+    return candidate.effect.name not in RUBS or not _is_pushed(search, torque, fit)
 
 
 def _is_pushed(search: Search, torque: Sequence[Vector], fit: Fit) -> bool:

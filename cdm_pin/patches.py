@@ -277,3 +277,5 @@ PATCHES: dict[str, Effect] = {
     )
 }
 """Every unnamed correction by name; `revealed_by` holds the words for the region of the state."""
+RUBS = ("unnamed_rub", "unnamed_velocity", "unnamed_cross_rub", "unnamed_brake", "unnamed_wear", "unnamed_reversal")
+"""Those of them that are frictions."""

@@ -784,17 +784,20 @@ class Search:
         known = self._rests.get(_key(effects), smooth)
         if known is not None:
             return known
-        residuals, basis = self._rest(effects, self.smooth if smooth else None)
-        quiet = quiet_segments(residuals, self.problem.segments)
-        return self._rests.keep((residuals, spectrum(residuals, basis, quiet)), _key(effects), smooth)
+        return self._rests.keep(self._left_over(effects, self.smooth if smooth else None), _key(effects), smooth)
 
     def loosely_left_over(self, fit: Fit) -> Vector:
         """Give the rms of what a plain fit leaves over if the shapes of its effects give way, too, to first order."""
         slopes = [slope for c, b in zip(fit.effects, fit.beta, strict=True) for slope in self.slopes(c, b)]
         if not slopes:
             return self.left_over(fit.effects, smooth=False)[1].rms
-        residuals, basis = self._rest(fit.effects, [np.concatenate(own) for own in zip(*slopes, strict=True)])
-        return spectrum(residuals, basis, quiet_segments(residuals, self.problem.segments)).rms
+        return self._left_over(fit.effects, [np.concatenate(own) for own in zip(*slopes, strict=True)])[1].rms
+
+    def _left_over(
+        self, effects: Sequence[Candidate], further: Sequence[Vector] | None
+    ) -> tuple[list[Vector], Spectrum]:
+        residuals, basis = self._rest(effects, further)
+        return residuals, spectrum(residuals, basis, quiet_segments(residuals, self.problem.segments))
 
     def _rest(
         self, effects: Sequence[Candidate], further: Sequence[Vector] | None
