@@ -789,7 +789,9 @@ def _passes(search: Search, candidate: Candidate, score: Score, weight: float, f
     if not (fit.effects or search.problem.model.manipulator.effects):
         return True
     own = score.beta @ fit.rest(search.white(fit.whitener, search.columns(candidate)))
-    return robust.statistic > _error_of_laws(search, candidate, own, fit) or _leaves_noise(search, fit, candidate)
+    if robust.statistic > _error_of_laws(search, candidate, own, fit) or _leaves_noise(search, fit, candidate):
+        return True
+    return _outdoes_in_means(search, candidate, score.beta, fit)
 
 
 def _leaves_noise(search: Search, fit: Fit, candidate: Candidate) -> bool:
@@ -1272,16 +1274,39 @@ def _is_in_means(search: Search, candidate: Candidate, fit: Fit) -> bool:
 
     Of those means a small share counts, so that what else is left of a travel can look like a large offset.
     """
-    problem, own = search.problem, search.columns(candidate)
-    left, m = errors(search, fit.base, fit.effects, fit.beta), problem.model.n_motors * problem.torque
-    means = []
-    for columns, rest, run, segments in zip(own, left, problem.runs, problem.segments, strict=True):
-        if segments and run.sure is not None:
-            means.append([inside_of(x[m:], segments).mean(axis=1) / run.sure for x in (columns[0], rest)])
-    if not means:
+    own = _travel_means(search, [columns[0] for columns in search.columns(candidate)])
+    left = _travel_means(search, errors(search, fit.base, fit.effects, fit.beta))
+    if own is None or left is None:
         return True
-    x, y = np.concatenate(means, axis=1)
-    return bool(abs(x @ y) > 0.5 * problem.steps_at(candidate.place.index[0]) * (x @ x))
+    return bool(abs(own @ left) > 0.5 * search.problem.steps_at(candidate.place.index[0]) * (own @ own))
+
+
+def _outdoes_in_means(search: Search, candidate: Candidate, beta: Vector, fit: Fit) -> bool:
+    """Whether an offset between encoders is more than laws in a fit may be wrong by in the plain means of the travels.
+
+    Of those means a small share counts, so that what varies of a law's error can look like a large offset.
+    """
+    if candidate.effect.name != "encoder_offset" or not search.problem.kinematic:
+        return False
+    own = _travel_means(search, [beta[0] * columns[0] for columns in search.columns(candidate)])
+    if own is None:
+        return False
+    known = np.zeros_like(own)
+    for law, its in zip(fit.effects, fit.beta, strict=True):
+        series = [np.tensordot(its, columns[: len(its)], 1) for columns in search.columns(law)]
+        means = _travel_means(search, series)
+        known = known + law.law_error(search.problem.motions[0]) * np.abs(means if means is not None else 0.0)
+    return bool(own @ own > 9.0 * (known @ known))
+
+
+def _travel_means(search: Search, series: Sequence[Vector]) -> Vector | None:
+    """Give the plain means of the travels in series (n_channels, n_reduced), run by run; None where none is counted."""
+    problem, means = search.problem, []
+    m = problem.model.n_motors * problem.torque
+    for x, run, segments in zip(series, problem.runs, problem.segments, strict=True):
+        if segments and run.sure is not None:
+            means.append(inside_of(x[m:], segments).mean(axis=1) / run.sure)
+    return np.concatenate(means) if means else None
 
 
 def _backwards(search: Search, fit: Fit, j: int) -> bool:

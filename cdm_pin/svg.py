@@ -162,8 +162,8 @@ def text(x: float, y: float, words: str, *, anchor: str = "start", extra: str = 
 
 
 def ticks(low: float, high: float, *, log: bool = False, count: int = 5) -> list[float]:
-    """Choose round numbers between two limits."""
-    if log:
+    """Choose round numbers between two limits; powers of ten on a logarithmic axis on which there are two of them."""
+    if log and np.log10(high / low) >= 2.0:
         first, last = np.ceil(np.log10(low) - 1e-9), np.floor(np.log10(high) + 1e-9)
         step = max(1, int(np.ceil((last - first + 1) / 6)))
         return [float(10.0**k) for k in np.arange(first, last + 1, step)]

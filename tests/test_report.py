@@ -187,6 +187,14 @@ def test_ticks_are_round_and_inside():
         assert len(set(svg.labels(marks))) == len(marks)
 
 
+def test_a_logarithmic_axis_within_a_decade_has_ticks():
+    """Whatever part of a decade, or how many decades, a logarithmic axis shows, it is marked."""
+    for low, high in ((2e-4, 8e-4), (0.11, 0.95), (3.0, 70.0), (1e-6, 3e5)):
+        marks = svg.ticks(low, high, log=True)
+        assert len(marks) >= 2 and all(low <= m <= high for m in marks)
+        assert len(set(svg.labels(marks))) == len(marks)
+
+
 def test_envelope_keeps_the_extremes():
     """Thinning a line for drawing keeps its largest and smallest values."""
     y = np.random.default_rng(0).standard_normal(100_000)
