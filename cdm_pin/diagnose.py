@@ -17,6 +17,7 @@ from .effects import STOPS, Candidate
 from .everywhere import agreements, confirmed
 from .explain import (
     PREFERENCE,
+    REFINING,
     Explanation,
     Found,
     asked_but_for_laws,
@@ -52,6 +53,7 @@ from .unexplained import (
     ringing_torque,
     swinging_torque,
     wandering_torque,
+    wandering_travel,
 )
 from .units import motor_units, unit_at
 from .unseen import deviance_unseen, stacked, updated
@@ -406,12 +408,24 @@ def _weighed(judge: Search | None, explanation: Explanation) -> Explanation:
     effects = [f.candidate for f in explanation.found]
     if judge is not None:
         effects = confirmed(search, judge, effects, np.maximum(noise_floor(judge, effects), 1e-12))
+    effects = _without_trifles(search, effects)
     explanation = replace(explained(search, explanation.bank, effects), everywhere=True)
     if judge is None:
         return explanation
     alike = agreements(judge, explanation.fit)
     found = tuple(replace(f, agreement=a) for f, a in zip(explanation.found, alike, strict=True))
     return replace(explanation, found=found)
+
+
+def _without_trifles(search: Search, effects: list[Candidate]) -> list[Candidate]:
+    """Let dry friction stand for a refinement that differs from it by no more than a trifle."""
+    fit, effects = search.fit(effects), list(effects)
+    for j, candidate in enumerate(effects):
+        dry = candidate.dry if candidate.effect.name in REFINING else candidate
+        taken = any(dry.key == c.key for c in effects)
+        if not taken and fi.is_plainer(search, search.without(fit, j), dry, candidate):
+            effects[j] = dry
+    return effects
 
 
 def _sized(explanation: Explanation, near: float = 15.0) -> Explanation:
@@ -629,7 +643,7 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
             stated = {j: stated[j] for j in sure}
         if explanation.everywhere:
             unexplained = nameless(explanation) or unexplained
-        unexplained = unexplained or wandering_torque(search, fit)
+        unexplained = unexplained or wandering_torque(search, fit) or wandering_travel(search, fit)
         if unexplained is None:
             unexplained = ringing_torque(search, fit) or (judge and beyond_training(search, judge, fit))
             if unexplained is not None:

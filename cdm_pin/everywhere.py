@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .effects import CATALOGUE, Candidate, axis_places, joint_places, parallel
+from .effects import CATALOGUE, Candidate, Place, axis_places, joint_places, parallel
+from .model import CableModel
 from .selection import Bank, Fit, Search
 
 FRICTION = ("viscous_friction", "coulomb_friction", "torque_offset")
@@ -30,7 +31,8 @@ def rubs_everywhere(search: Search, bank: Bank, found: Sequence[Candidate], leas
     with it, and one more law that is none: an effect that acts on several motors, such as a delay, may look like
     friction everywhere.
     """
-    axes = axis_places(search.problem.model)
+    model = search.problem.model
+    axes = _apart(axis_places(model), model)
     if not search.problem.torque or len(axes) < least:
         return False
     common = at_all_axes(search, FRICTION)
@@ -42,17 +44,19 @@ def rubs_everywhere(search: Search, bank: Bank, found: Sequence[Candidate], leas
         return False  # what was found is all
     worth = []
     for place in axes:
-        rest = [c for c in common if c.place.location != place.location or c.effect.name == "torque_offset"]
+        own = place.weights(model)
+        rest = [c for c in common if c.effect.name == "torque_offset" or not parallel(c.place.weights(model), own)]
         worth.append(max(search.fit([*found, *rest], clear).deviance - whole, 0.0))
     spread = np.sum(worth) ** 2 / max(np.sum(np.square(worth)), 1e-300)
     loud = int(np.sum(np.array(worth) > LOUD))
-    if loud < max(least, 0.75 * len(axes)) or spread <= max(2.0, 0.3 * len(axes)):
+    rubbing = {(c.place.A, c.place.B) for c in all_found if _rubs(c)}
+    n = model.n_motors if loud >= len(rubbing) + 2 else len(axes)  # as many as move alone, if most are yet to be found
+    if loud < max(least, 0.75 * n) or spread <= max(2.0, 0.3 * n):
         return False
     rigid = search.fit([], clear)
     patch = max(score.statistic for score in search.score_all(rigid, bank.corrections))
     if rigid.deviance - patch <= whole:
         return False
-    rubbing = {(c.place.A, c.place.B) for c in all_found if _rubs(c)}
     if 2 * len(rubbing) >= len(axes):
         return True
     scores = zip(bank.laws.candidates, search.score_all(alone, bank.laws), strict=True)
@@ -60,10 +64,20 @@ def rubs_everywhere(search: Search, bank: Bank, found: Sequence[Candidate], leas
     return bool(alone.deviance - law > whole)
 
 
+def _apart(places: Sequence[Place], model: CableModel) -> list[Place]:
+    """Give of places that are the same coordinate, but for a ratio, the first."""
+    out: list[Place] = []
+    for place in places:
+        if not any(parallel(place.weights(model), other.weights(model)) for other in out):
+            out.append(place)
+    return out
+
+
 def _rubs(candidate: Candidate) -> bool:
-    """Whether it is friction of some kind along one coordinate."""
+    """Whether it is friction of some kind along one coordinate, or what a motor's may pass for beside other joints'."""
     name = candidate.effect.name
-    return bool(candidate.place.A) and ("friction" in name or name == "hysteresis")
+    rubs = bool(candidate.place.A) and ("friction" in name or name == "hysteresis")
+    return rubs or name == "transmission_coupling"
 
 
 def at_all_axes(search: Search, names: Sequence[str]) -> list[Candidate]:

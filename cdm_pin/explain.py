@@ -74,6 +74,8 @@ WRONG = 0.1
 """Share of its torque by which no law is wrong."""
 MOST_STRETCH = 0.35
 """By how much no cable gives under what it carries [rad]."""
+PUNCTUAL = 0.05
+"""Share of the time between two samples by which it is not sure what instant one stands for."""
 SETTLING = 12
 """Rounds in which columns that follow the torques of others come to rest; delayed friction takes the most."""
 PREFERENCE = 2.0
@@ -461,16 +463,21 @@ def _everything(search: Search, bank: Bank, say: Reporter) -> Explanation:
     """Put in whole kinds of physics first, then what else has a name and is significant with care.
 
     Not so what changes the torques of the model itself, like gains and delays: that is no finding while the model is
-    still far from the data.
+    still far from the data. What moves the travel between encoders is one, as these tell it by themselves.
     """
     accepted = kinds_first(search)
+    motion = search.problem.motions[0]
+
+    def may_stand(c: Candidate) -> bool:
+        own = not c.effect.follows or (search.problem.kinematic and c.raw_columns(motion).kinematic is not None)
+        return own and c.effect.name not in ("external_torque", "friction_drift")
+
     for k in range(search.problem.model.n_motors):
         say("searching", 0.3 + 0.4 * k / search.problem.model.n_motors)
         fit, clear = search.fit(accepted), search.fit(accepted, search.clear(accepted))
         search = search.about(clear)
         bank = search.renewed(bank)
-        leaders = [c for c, _, _ in _leaders(search, clear, bank, 40, accepted) if not c.effect.follows]
-        leaders = [c for c in leaders if c.effect.name not in ("external_torque", "friction_drift")][:12]
+        leaders = [c for c, _, _ in _leaders(search, clear, bank, 40, accepted) if may_stand(c)][:12]
         say.looked(clear, leaders)
         winner = _careful_winner(search, fit, clear, leaders)
         if winner is None:
@@ -856,9 +863,12 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
     share counts which the fit leaves over; it has to exceed what steps of encoders can bring, and where they are too
     coarse what the sensors bring by themselves. A push has to last for as long as the band can tell from an outlier,
     to exceed half a step of the torque, and where nothing moves to exceed what dry friction holds. A cable gives as a
-    spring first, then as a damper. What a zero is off by has to be more than it drifts by.
+    spring first, then as a damper. What a zero is off by has to be more than it drifts by, a delay more than the
+    instants of samples are unsure by.
     """
     problem, push = search.problem, candidate.effect.name == "external_torque"
+    if candidate.effect.name == "time_delay" and abs(beta[0]) * problem.motions[0].rate < PUNCTUAL:
+        return False
     if push and candidate.shape[1] - candidate.shape[0] < 1.5 / problem.band.cutoff:
         return False
     if push and _is_held(search, candidate, float(np.abs(beta[0])), fit):

@@ -196,8 +196,8 @@ def is_known(
     """Whether any parameter that says how large an effect is, or any coefficient, differs from zero (a gain from one).
 
     Two effects at one place may share a level that neither has alone; what tells them apart is known all the same. The
-    coefficients of a spring are those of a polynomial, which are known together where none is alone. A coupling has to
-    have a ratio that is known.
+    coefficients of a spring that stiffens are those of a polynomial, which are known together where none is alone. A
+    coupling has to have a ratio that is known.
     """
     ratio = values.get("ratio") if candidate.effect.name == "transmission_coupling" else None
     if ratio is not None and abs(ratio["value"]) <= least * ratio["std"]:  # with which joint, then?
@@ -206,10 +206,12 @@ def is_known(
         abs(v["value"] - (name == "gain")) / max(v["std"], 1e-300) for name, v in values.items() if name not in SHAPES
     ]
     own, k = len(candidate.effect.signs), len(beta)  # the first without what details the sign of a velocity
+    if candidate.effect.name == "joint_spring" and k == 2:  # a constant torque is none
+        own = 1
     std = np.sqrt(np.maximum(np.diag(covariance)[:k], 1e-300))
     z = beta / std
     alone = max([*sizes, *np.abs(z[:own])], default=0.0) > least
-    if alone or candidate.effect.name != "joint_spring":
+    if alone or candidate.effect.name != "joint_spring" or k == 2:
         return alone
     together = np.linalg.pinv(covariance[:k, :k] / std[:, None] / std, rcond=1e-9, hermitian=True)
     return bool(log_p(float(z @ together @ z), k) < log_p(least**2, 1))
@@ -272,7 +274,7 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
     rubs = effect.name == "coulomb_friction"
     alike: list[tuple[bool, Candidate]] = []
     for rival, difference in _leaning(search, without, found):
-        trifle = difference < close and _is_plainer(search, without, found.candidate, rival)
+        trifle = difference < close and is_plainer(search, without, found.candidate, rival)
         within = difference > -close and not trifle
         if not within and difference <= -0.1 * found.gain - 30:
             continue
@@ -295,7 +297,7 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
     return out
 
 
-def _is_plainer(search: Search, without: Fit, own: Candidate, rival: Candidate) -> bool:
+def is_plainer(search: Search, without: Fit, own: Candidate, rival: Candidate) -> bool:
     """Whether an effect is a rival's special case, and what the rival has beyond it can be no more than a trifle.
 
     As a friction whose two directions differ by a per cent is dry friction.

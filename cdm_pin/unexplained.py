@@ -34,6 +34,12 @@ PEAK, ROUNDER = 30.0, 10.0
 noise has of no sensor, unless what encoders make of accelerations is most of it."""
 LOUDER = 1.5
 """How many times the noise of the training that of unseen recordings may be."""
+ADRIFT = 10.0
+"""What a travel between encoders leaves over what these bring, in units of that, that no rounding of theirs does."""
+STEADY = 30.0
+"""Slow power over quick power that no travel between two encoders has; these do not drift."""
+LEAP = 0.4
+"""Time on either side of a leap in which a travel is averaged [s]."""
 HIGHEST = 20.0
 """Frequency up to which a line is taken for a disturbance of the arm [Hz]; above it mains and amplifiers hum."""
 
@@ -233,6 +239,46 @@ def wandering_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     rigid, laws = search.settings.torque_error * search.loads, _accuracy(search, fit)
     least = np.max([rigid[:m], laws[:m], 2.0 * problem.sensors.rounding], axis=0)
     return None if np.all(size < least) else _torque_that("wanders slowly with time", slow, problem.model)
+
+
+def wandering_travel(search: Search, fit: Fit) -> dict[str, Any] | None:
+    """Say which cable's travel moves by itself, slowly or in leaps, far beyond the encoders' steps; None where none.
+
+    Noise is what an autoregression makes of it, however large; but two encoders have none that moves for long.
+    """
+    problem, m = search.problem, search.problem.model.n_motors
+    if not (problem.torque and problem.kinematic) or not any(problem.segments):
+        return None
+    rest, noise = search.left_over(fit.effects, smooth=False)
+    size = noise.rms / np.hypot(problem.sensed, _accuracy(search, fit))
+    size = np.where(wandering(noise) > STEADY, size, 0.0)[m:]
+    worst = int(np.argmax(size))
+    if size[worst] < ADRIFT:
+        return None
+    rate, leaps = problem.band.reduced_rate, []
+    for e, inside, run in zip(rest, problem.segments, problem.runs, strict=True):
+        for a, b in inside:
+            leaps += _leaps_of(e[m + worst, a:b], run.motion.time[:: problem.band.step][a:b], rate)
+    most = max([abs(step) for _, step in leaps], default=0.0)
+    times = ", ".join(f"{t:.1f}" for t, step in sorted(leaps) if abs(step) > 0.5 * most)
+    kind = "cable" if problem.model.manipulator.links else "motor"
+    words = f"travel of {kind} {worst + 1} between its encoders that moves by itself, most at {times} s"
+    return something(kind, worst + 1, words, float(noise.rms[m + worst]))
+
+
+def _leaps_of(x: Vector, time: Vector, rate: float, most: int = 6) -> list[tuple[float, float]]:
+    """Give when a series changes most within a short time, and by how much: the largest in each stretch of its own."""
+    width = max(int(LEAP * rate), 2)
+    if len(x) < 4 * width:
+        return []
+    mean = np.convolve(x, np.ones(width) / width, mode="valid")
+    steps = mean[width:] - mean[:-width]
+    out = []
+    while len(out) < most and np.abs(steps).max() > 0.0:
+        k = int(np.argmax(np.abs(steps)))
+        out.append((float(time[k + width]), float(steps[k])))
+        steps[max(k - width, 0) : k + width + 1] = 0.0
+    return out
 
 
 def ringing_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
