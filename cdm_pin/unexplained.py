@@ -35,7 +35,7 @@ noise has of no sensor, unless what encoders make of accelerations is most of it
 LOUDER = 1.5
 """How many times the noise of the training that of unseen recordings may be."""
 ADRIFT = 10.0
-"""What a travel between encoders leaves over what these bring, in units of that, that no rounding of theirs does."""
+"""What a travel between encoders leaves over, in steps of these, that no rounding does."""
 STEADY = 30.0
 """Slow power over quick power that no travel between two encoders has; these do not drift."""
 LEAP = 0.4
@@ -250,8 +250,9 @@ def wandering_travel(search: Search, fit: Fit) -> dict[str, Any] | None:
     if not (problem.torque and problem.kinematic) or not any(problem.segments):
         return None
     rest, noise = search.left_over(fit.effects, smooth=False)
-    size = noise.rms / np.hypot(problem.sensed, _accuracy(search, fit))
-    size = np.where(wandering(noise) > STEADY, size, 0.0)[m:]
+    steps = max(problem.steps_at(i) for i in range(problem.model.n_joints))
+    size = noise.rms[m:] / np.hypot(steps, _accuracy(search, fit)[m:])
+    size = np.where(wandering(noise)[m:] > STEADY, size, 0.0)
     worst = int(np.argmax(size))
     if size[worst] < ADRIFT:
         return None

@@ -92,19 +92,41 @@ def test_friction_at_one_axis_is_not_everywhere(model):
 @pytest.mark.parametrize(("law", "everywhere"), [(100.0, True), (2900.0, True), (3100.0, False)])
 def test_one_law_that_explains_as_much_is_not_friction_everywhere(monkeypatch, law, everywhere):
     """Friction at three axes explains 3000 in all; a delay that explains as much beside what was found is likelier."""
-    axes = [SimpleNamespace(location={"kind": "motor", "index": k}) for k in range(3)]
-    rubs = [SimpleNamespace(place=place, effect=CATALOGUE["viscous_friction"]) for place in axes]
+    search, bank, _ = rubbing(monkeypatch, np.eye(3), law)
+    assert rubs_everywhere(search, bank, []) == everywhere
+
+
+@pytest.mark.parametrize(("found", "everywhere"), [(0, True), (1, True), (2, False)])
+def test_friction_at_every_motor_is_everywhere(monkeypatch, found, everywhere):
+    """Three of five axes rub, as many as there are motors; with two of them found, the third is one more effect."""
+    axes = np.concatenate([np.eye(3), [[1.0, 1.0, 0.0], [0.0, 1.0, 1.0]]])
+    search, bank, rubs = rubbing(monkeypatch, axes, 100.0)
+    assert rubs_everywhere(search, bank, rubs[:found]) == everywhere
+
+
+def rubbing(monkeypatch, axes, law):
+    """Give stubs of a search in which friction along the first three of some axes explains 1000 each."""
+    places = [
+        SimpleNamespace(location={"kind": "motor", "index": k}, A=(k,), B=(), weights=lambda model, w=w: w)
+        for k, w in enumerate(axes)
+    ]
+    rubs = [SimpleNamespace(place=place, effect=CATALOGUE["viscous_friction"]) for place in places]
     laws = SimpleNamespace(candidates=[Candidate(CATALOGUE["time_delay"], SimpleNamespace(A=()))])
     bank = SimpleNamespace(corrections="corrections", laws=laws)
+
+    def fit(effects, noise):
+        there = {c.place.location["index"] for c in effects} & {0, 1, 2}
+        return SimpleNamespace(deviance=4000.0 - 1000.0 * len(there), n_rows=900)
+
     search = SimpleNamespace(
-        problem=SimpleNamespace(torque=True, model=None),
+        problem=SimpleNamespace(torque=True, model=SimpleNamespace(n_motors=3)),
         clear=lambda effects: None,
-        fit=lambda effects, noise: SimpleNamespace(deviance=4000.0 - 1000.0 * len(effects), n_rows=900),
+        fit=fit,
         score_all=lambda fit, part: [SimpleNamespace(statistic=law if part is laws else 500.0)],
     )
-    monkeypatch.setattr("cdm_pin.everywhere.axis_places", lambda model: axes)
+    monkeypatch.setattr("cdm_pin.everywhere.axis_places", lambda model: places)
     monkeypatch.setattr("cdm_pin.everywhere.at_all_axes", lambda search, names: rubs)
-    assert rubs_everywhere(search, bank, []) == everywhere
+    return search, bank, rubs
 
 
 def test_what_harms_on_the_unseen_recording_is_withdrawn(model):

@@ -30,8 +30,8 @@ from cdm_pin.robust import around, bursts, robust_score
 from cdm_pin.selection import Score, Search, Settings, all_candidates, scored
 from cdm_pin.sensor_noise import motion_limit
 from cdm_pin.signals import prepare
-from cdm_pin.spectra import Spectrum
-from cdm_pin.unexplained import is_far, ringing_torque
+from cdm_pin.spectra import Spectrum, spectrum
+from cdm_pin.unexplained import is_far, ringing_torque, wandering_travel
 from cdm_pin.wording import clause
 
 
@@ -622,6 +622,14 @@ def test_a_coupling_has_a_ratio(spread, known):
     assert is_known(values, coupling, np.array([1e-3]), np.array([[1e-8]])) == known
 
 
+@pytest.mark.parametrize(("stiffness", "known"), [(1.0, False), (5.0, True)])
+def test_a_spring_has_a_stiffness(stiffness, known):
+    """A constant torque, however sure, is no spring."""
+    values = {"stiffness": {"value": stiffness, "std": 1.0}, "rest": {"value": -2.0, "std": 2.0}}
+    spring = SimpleNamespace(effect=SimpleNamespace(name="joint_spring", signs=(1, 0)))
+    assert is_known(values, spring, np.array([stiffness, 3.0]), np.diag([1.0, 1e-4])) == known
+
+
 @pytest.mark.parametrize(("damping", "gives"), [(0.0, True), (0.02, True), (3.0, False), (-3.0, False)])
 def test_a_cable_gives_as_a_spring_first(tmp_path, damping, gives):
     """Compliance of a cable is told where two encoders part; what follows the torque's rate alone is none."""
@@ -651,6 +659,61 @@ def test_an_offset_of_an_encoder_is_in_the_plain_mean(monkeypatch, offset, told)
     fit = SimpleNamespace(base=None, effects=(), beta=())
     law = Candidate(CATALOGUE["encoder_offset"], CATALOGUE["encoder_offset"].places(load_model("urdf/cdm2.yaml"))[0])
     assert explain._is_in_means(search, law, fit) == told
+
+
+@pytest.mark.parametrize(("offset", "outdoes"), [(2e-5, False), (1e-3, True), (-1e-3, True)])
+def test_an_offset_between_encoders_is_not_an_error_of_a_soft_cable(offset, outdoes):
+    """A cable that gives by 2 mrad on the whole and is right to 1 % leaves 0.02 mrad in the mean, whatever varies."""
+    sure = np.full(1, 1e-3)
+    column = np.stack([np.ones((1, 50)), 1e-3 * np.ones((1, 50))], axis=1)
+    gives = np.stack([np.zeros((1, 50)), 2e-6 + 1e-3 * np.sin(np.arange(50) * np.pi / 5)[None]], axis=1)
+    problem = SimpleNamespace(
+        model=SimpleNamespace(n_motors=1),
+        torque=True,
+        kinematic=True,
+        runs=[SimpleNamespace(sure=sure)],
+        segments=[[(0, 50)]],
+        motions=[None],
+    )
+    cable = SimpleNamespace(law_error=lambda motion: 0.01)
+    search = SimpleNamespace(problem=problem, columns=lambda candidate: [gives if candidate is cable else column])
+    fit = SimpleNamespace(effects=(cable,), beta=(np.ones(1),))
+    law = Candidate(CATALOGUE["encoder_offset"], CATALOGUE["encoder_offset"].places(load_model("urdf/cdm2.yaml"))[0])
+    assert explain._outdoes_in_means(search, law, np.array([offset]), fit) == outdoes
+
+
+@pytest.mark.parametrize(("delay", "resolved"), [(6e-5, False), (5e-4, True)])
+def test_a_delay_of_a_small_part_of_a_sample_is_none(tmp_path, delay, resolved):
+    """What instant a sample of 5 ms stands for is not known to a hundredth of that."""
+    model, runs, _, _ = loaded_trial(tmp_path, 5, n_links=2, effects=0, positions="joint", duration=30.0)
+    search = Search(make_problem(model, runs), base_parameters(model, columns=massive_columns(model)), Settings())
+    (law, *_) = all_candidates(search.problem, ["time_delay"])
+    assert explain.is_resolved(search, law, np.array([delay]), search.fit([])) == resolved
+
+
+@pytest.mark.parametrize(("hop", "moves"), [(0.0, False), (0.02, True)])
+def test_a_cable_that_hops_into_another_groove_is_no_noise(hop, moves):
+    """An autoregression takes steps of a travel for noise; two encoders have none that stays."""
+    model, rng = load_model("urdf/cdm2.yaml"), np.random.default_rng(0)
+    rest = 5e-5 * rng.normal(size=(4, 1200))
+    rest[3, 480:800] += hop
+    segments = [[(0, 1200)]]
+    noise = spectrum([rest], [np.zeros((0, 4, 1200))], segments)
+    problem = SimpleNamespace(
+        model=model,
+        torque=True,
+        kinematic=True,
+        segments=segments,
+        steps_at=lambda joint: 1e-4,
+        n_channels=4,
+        band=SimpleNamespace(reduced_rate=20.0, step=10),
+        runs=[SimpleNamespace(motion=SimpleNamespace(time=np.arange(12000) / 200))],
+    )
+    search = SimpleNamespace(problem=problem, left_over=lambda effects, smooth=True: ([rest], noise))
+    told = wandering_travel(search, SimpleNamespace(effects=(), beta=()))
+    assert (told is not None) == moves
+    if told:
+        assert told["location"] == {"kind": "cable", "index": 2} and "24.0, 40.0 s" in told["region"]
 
 
 def test_encoders_on_both_sides_may_be_off_alike(tmp_path):
