@@ -49,8 +49,9 @@ def rubs_everywhere(search: Search, bank: Bank, found: Sequence[Candidate], leas
         worth.append(max(search.fit([*found, *rest], clear).deviance - whole, 0.0))
     spread = np.sum(worth) ** 2 / max(np.sum(np.square(worth)), 1e-300)
     loud = int(np.sum(np.array(worth) > LOUD))
-    rubbing = {(c.place.A, c.place.B) for c in all_found if _rubs(c)}
-    n = model.n_motors if loud >= len(rubbing) + 2 else len(axes)  # as many as move alone, if most are yet to be found
+    rubbing = {(c.place.A, c.place.B): 1 + c.place.is_pair for c in all_found if c.place.A and _rubs(c)}
+    few = loud >= sum(rubbing.values()) + 2  # most are yet to be found
+    n = model.n_motors if few else len(axes)
     if loud < max(least, 0.75 * n) or spread <= max(2.0, 0.3 * n):
         return False
     rigid = search.fit([], clear)

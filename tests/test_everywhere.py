@@ -107,7 +107,9 @@ def test_friction_at_every_motor_is_everywhere(monkeypatch, found, everywhere):
 def rubbing(monkeypatch, axes, law):
     """Give stubs of a search in which friction along the first three of some axes explains 1000 each."""
     places = [
-        SimpleNamespace(location={"kind": "motor", "index": k}, A=(k,), B=(), weights=lambda model, w=w: w)
+        SimpleNamespace(
+            location={"kind": "motor", "index": k}, A=(k,), B=(), is_pair=False, weights=lambda model, w=w: w
+        )
         for k, w in enumerate(axes)
     ]
     rubs = [SimpleNamespace(place=place, effect=CATALOGUE["viscous_friction"]) for place in places]
