@@ -1292,14 +1292,15 @@ def _is_in_means(search: Search, candidate: Candidate, fit: Fit) -> bool:
 
 
 def _outdoes_in_means(search: Search, candidate: Candidate, beta: Vector, fit: Fit) -> bool:
-    """Whether an offset between encoders is more than laws in a fit may be wrong by in the plain means of the travels.
+    """Whether plain means of the travels show an offset between encoders that is more than laws may be wrong by there.
 
     Of those means a small share counts, so that what varies of a law's error can look like a large offset.
     """
     if candidate.effect.name != "encoder_offset" or not search.problem.kinematic:
         return False
     own = _travel_means(search, [beta[0] * columns[0] for columns in search.columns(candidate)])
-    if own is None:
+    left = _travel_means(search, errors(search, fit.base, fit.effects, fit.beta))
+    if own is None or left is None or own @ left < 0.5 * (own @ own):
         return False
     known = np.zeros_like(own)
     for law, its in zip(fit.effects, fit.beta, strict=True):
