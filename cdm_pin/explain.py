@@ -1286,7 +1286,7 @@ def _is_in_means(search: Search, candidate: Candidate, fit: Fit) -> bool:
     """
     own = _travel_means(search, [columns[0] for columns in search.columns(candidate)])
     left = _travel_means(search, errors(search, fit.base, fit.effects, fit.beta))
-    if own is None or left is None:
+    if not len(own):
         return True
     return bool(abs(own @ left) > 0.5 * search.problem.steps_at(candidate.place.index[0]) * (own @ own))
 
@@ -1300,24 +1300,23 @@ def _outdoes_in_means(search: Search, candidate: Candidate, beta: Vector, fit: F
         return False
     own = _travel_means(search, [beta[0] * columns[0] for columns in search.columns(candidate)])
     left = _travel_means(search, errors(search, fit.base, fit.effects, fit.beta))
-    if own is None or left is None or own @ left < 0.5 * (own @ own):
+    if not len(own) or own @ left < 0.5 * (own @ own):
         return False
     known = np.zeros_like(own)
     for law, its in zip(fit.effects, fit.beta, strict=True):
         series = [np.tensordot(its, columns[: len(its)], 1) for columns in search.columns(law)]
-        means = _travel_means(search, series)
-        known = known + law.law_error(search.problem.motions[0]) * np.abs(means if means is not None else 0.0)
+        known = known + law.law_error(search.problem.motions[0]) * np.abs(_travel_means(search, series))
     return bool(own @ own > 9.0 * (known @ known))
 
 
-def _travel_means(search: Search, series: Sequence[Vector]) -> Vector | None:
-    """Give the plain means of the travels in series (n_channels, n_reduced), run by run; None where none is counted."""
-    problem, means = search.problem, []
+def _travel_means(search: Search, series: Sequence[Vector]) -> Vector:
+    """Give the plain means of the travels in series (n_channels, n_reduced), run by run; those that count at all."""
+    problem, means = search.problem, [np.zeros(0)]
     m = problem.model.n_motors * problem.torque
     for x, run, segments in zip(series, problem.runs, problem.segments, strict=True):
         if segments and run.sure is not None:
             means.append(inside_of(x[m:], segments).mean(axis=1) / run.sure)
-    return np.concatenate(means) if means else None
+    return np.concatenate(means)
 
 
 def _backwards(search: Search, fit: Fit, j: int) -> bool:

@@ -206,12 +206,14 @@ def is_known(
         abs(v["value"] - (name == "gain")) / max(v["std"], 1e-300) for name, v in values.items() if name not in SHAPES
     ]
     own, k = len(candidate.effect.signs), len(beta)  # the first without what details the sign of a velocity
-    if candidate.effect.name == "joint_spring" and k == 2:  # a constant torque is none
+    spring = candidate.effect.name == "joint_spring"
+    stiffens = spring and k > 2
+    if spring and not stiffens:  # a constant torque is none
         own = 1
     std = np.sqrt(np.maximum(np.diag(covariance)[:k], 1e-300))
     z = beta / std
     alone = max([*sizes, *np.abs(z[:own])], default=0.0) > least
-    if alone or candidate.effect.name != "joint_spring" or k == 2:
+    if alone or not stiffens:
         return alone
     together = np.linalg.pinv(covariance[:k, :k] / std[:, None] / std, rcond=1e-9, hermitian=True)
     return bool(log_p(float(z @ together @ z), k) < log_p(least**2, 1))
