@@ -24,7 +24,7 @@ from .events import Reporter
 from .everywhere import kinds_first, needed, rubs_everywhere
 from .geometry import Vector
 from .model import CableModel
-from .patches import RUBS
+from .patches import MISREAD, RUBS
 from .robust import UNSURE, is_coarse, robust_score
 from .selection import (
     COMPLIANT,
@@ -46,6 +46,8 @@ REFINING = ("stribeck_friction", *SHARING)
 """Laws whose first column is dry friction, the others what refines it."""
 UNLIKELIER = "transmission_ratio_error"
 """Less likely than what is as simple and explains as much: radii of pulleys are known better than gains of torques."""
+MAPS = ("transmission_ratio_error", "pulley_eccentricity")
+"""Errors of the cable map."""
 WANDERS = "unnamed_time"
 """What the columns of drifting zeros say already, where there are any."""
 ABOUT = 0.02
@@ -667,7 +669,21 @@ def patch(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candida
                 and _is_seconded(search, search.fit(rest, fit.whitener), candidate, score, weight)
             ):
                 return [*rest, candidate]
-    return None
+    return _misread(search, bank, accepted, clear)
+
+
+def _misread(search: Search, bank: Bank, accepted: list[Candidate], clear: Fit) -> list[Candidate] | None:
+    """Put the reading of one encoder in the place of several errors of the cable map; None where it explains less."""
+    rest = [c for c in accepted if c.effect.name not in MAPS]
+    if len(accepted) - len(rest) < 2:
+        return None
+    without = search.fit(rest, clear.whitener)
+    taken = search.size(*(c for c in accepted if c not in rest))
+    old = 0.5 * (without.deviance - clear.deviance) - 0.5 * np.log(clear.n_rows) * taken
+    readings = [c for c in bank.candidates if c.effect.name == MISREAD]
+    gains = [gain(search, without, c, search.score(without, c)) for c in readings]
+    best = int(np.argmax(gains)) if gains else -1
+    return [*rest, readings[best]] if gains and gains[best] > old else None
 
 
 def _has_a_name(search: Search, bank: Bank, grown: list[Candidate], patched: list[Candidate]):

@@ -15,6 +15,7 @@ from .explain import Explanation, Found, evidence
 from .geometry import Vector
 from .model import CableModel
 from .motion import Motion
+from .patches import MISREAD
 from .selection import Fit, Search
 from .units import unit_at
 from .whitening import log_p
@@ -455,7 +456,12 @@ def outweighs(model: CableModel, found: Found, motor: int, excess: float, least:
 
 
 def is_sure(model: CableModel, found: Found, patches: Sequence[Found]) -> bool:
-    """Whether a finding stands on its own beside corrections without a name: elsewhere, and not small beside them."""
+    """Whether a finding stands on its own beside corrections without a name: elsewhere, and not small beside them.
+
+    What encoders misread is seen between them, friction in torques.
+    """
+    if found.candidate.effect.name.endswith("_friction"):
+        patches = [patch for patch in patches if patch.candidate.effect.name != MISREAD]
     own = np.abs(np.array(found.candidate.place.A + found.candidate.place.B))
     for patch in patches:
         other = np.abs(np.array(patch.candidate.place.A + patch.candidate.place.B))

@@ -145,6 +145,32 @@ def _tone(motion: Motion, place: Place, shape: Shape) -> Columns:
     return Columns(along=(np.stack([np.sin(phase), np.cos(phase)]), place.weights(motion.model)))
 
 
+def _reading(motion: Motion, place: Place, shape: Shape) -> Columns:
+    """Travel and torque of an encoder whose reading is off by a sine of what it reads, as that of an eccentric disc."""
+    if not (motion.joints_measured and motion.motors_measured):
+        return Columns()
+    model, k = motion.model, place.index[0]
+    if any(place.B):
+        x, along, torque = motion.q_m[:, k], np.eye(model.n_motors)[k] * model.arm_scale, None
+    else:
+        x, along = motion.q[:, k], -model.arm_scale * model.motor_from_joint[:, k]
+        torque = np.stack([_misread(motion, k, x + turn) for turn in (0.0, 0.5 * np.pi)], axis=-1)
+    waves = np.stack([np.sin(x), np.sin(x + 0.5 * np.pi)], axis=-1)
+    return Columns(torque, along[:, None] * waves[:, None])
+
+
+def _misread(motion: Motion, k: int, phase: Vector) -> Vector:
+    """Give the torque, shape (n, n_motors), that joint k takes more where it reads a sine of a phase (n,) too much."""
+    s, c, own = np.sin(phase)[:, None], np.cos(phase)[:, None], np.eye(motion.q.shape[1])[k]
+    v, a = motion.v[:, k, None], motion.a[:, k, None]
+    return motion.torque_along(-s * own, (-c * v * own, (s * v**2 - c * a) * own))
+
+
+def _encoders(model: CableModel) -> list[Place]:
+    """Every encoder, of joints and of motors."""
+    return [*joint_places(model), *all_motor_places(model)]
+
+
 TONE = Effect(
     "unnamed_tone",
     (),
@@ -276,6 +302,17 @@ PATCHES: dict[str, Effect] = {
         ),
     )
 }
+MISREAD = "unnamed_reading"
+"""What an encoder's own error is called."""
+PATCHES[MISREAD] = Effect(
+    MISREAD,
+    (),
+    _encoders,
+    _reading,
+    lambda beta, shape: {},
+    signs=(),
+    revealed_by="a reading of the encoder of {place} that is off by a sine of its angle",
+)
 """Every unnamed correction by name; `revealed_by` holds the words for the region of the state."""
 RUBS = ("unnamed_rub", "unnamed_velocity", "unnamed_cross_rub", "unnamed_brake", "unnamed_wear", "unnamed_reversal")
 """Those of them that are frictions."""

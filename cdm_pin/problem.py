@@ -27,6 +27,8 @@ MARGIN = 1.5
 """How far above the frequency where accelerations drown in noise they are still taken."""
 MUCH = 4e8
 """Numbers that the whitened columns of all effects may take."""
+ENOUGH = 200.0
+"""Samples per second that motions are thinned to, where there are twice as many: ten times the widest band [Hz]."""
 
 
 @dataclass(frozen=True)
@@ -310,12 +312,15 @@ def make_problem(
     torque = all(_has_torque(s) for s in signals)
     kinematic = all("joint_position" in s.logged and "motor_position" in s.logged for s in signals)
     samples = sum(len(s.time) for s in signals) * (torque + kinematic) * model.n_motors
-    chosen = band or make_band(rate, min(_cutoff(model, signals), _affordable(model.n_motors, samples, rate)))
+    cutoff = band.cutoff if band else min(_cutoff(model, signals), _affordable(model.n_motors, samples, rate))
+    chosen = make_band(rate, cutoff)
 
     def made(band: Band) -> Problem:
         ready = [prepare(recording, model, rate=rate, cutoff=band.cutoff) for recording in recordings]
-        runs = tuple(_run(model, s, band, torque, kinematic, i).with_model(model) for i, s in enumerate(ready, first))
-        return Problem(model, runs, band, torque, kinematic, SensorNoise(model, tuple(ready), band))
+        thin = _thinned(band)
+        runs = [_thinned_run(_run(model, s, band, torque, kinematic, i), thin) for i, s in enumerate(ready, first)]
+        sensors = SensorNoise(model, tuple(ready), band)
+        return Problem(model, tuple(run.with_model(model) for run in runs), thin, torque, kinematic, sensors)
 
     known = _heard(model, signals, chosen) if torque else np.inf
     problem = made(replace(chosen, slow=known))
@@ -323,7 +328,7 @@ def make_problem(
     if not torque or (band is not None and not coarse):
         return problem
     slower = [
-        inertia_cutoff(run.motion, run.data[: model.n_motors], chosen, own, coarse)
+        inertia_cutoff(run.motion, run.data[: model.n_motors], problem.band, own, coarse)
         for run, own in zip(problem.runs, problem.segments, strict=True)
     ]
     cutoff = float(np.max(slower) if coarse else np.median(slower))  # as quick as any recording asks for
@@ -410,7 +415,7 @@ def _sharp(model: CableModel, signals: Signals, q: Vector, share: float = 0.01) 
         return 0.0
     ratio = np.median(v[moving] / noise[moving])
     wide = (share * ratio * np.sqrt(1.5 * signals.rate) / (2 * np.pi)) ** (2 / 3)
-    return float(min(wide, 0.2 * signals.rate))
+    return float(min(wide, 0.2 * signals.rate, 0.4 * ENOUGH))
 
 
 def _quieter(model: CableModel, signals: Signals, q: Vector, q_m: Vector) -> Vector:
@@ -498,3 +503,34 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
     run = replace(run, sure=_sure_of_mean(model, signals), shares=shares)
     left = run.without_mean((_dithered(travel, signals, model) * model.arm_scale - stated).T)
     return replace(run, data=np.concatenate([run.data, left]))
+
+
+def _thinned(band: Band) -> Band:
+    """Give the band for what comes in at as many samples as the laws of effects need."""
+    every = int(1.02 * band.rate / ENOUGH)
+    return band if every < 2 else replace(make_band(band.rate / every, band.cutoff), slow=band.slow)
+
+
+def _thinned_run(run: Run, band: Band) -> Run:
+    """Give a run at the rate of a band, every so manieth sample of what nothing quicker is left in."""
+    signals, motion = run.signals, run.motion
+    every = round(signals.rate / band.rate)
+    if every < 2:
+        return run
+
+    def kept(x: Vector) -> Vector:
+        return x[::every]
+
+    def slow(x: Vector) -> Vector:
+        return kept(lowpass(x, signals.rate, 0.4 * band.rate, signals.order))
+
+    fewer = signals.thinned(every)
+    names = ("time", "q", "v", "a", "q_m", "v_m", "a_m")
+    motion = replace(motion, **{name: kept(getattr(motion, name)) for name in names})
+    if motion.inertia_noise is not None:  # white noise of that density
+        motion = replace(motion, inertia_noise=motion.inertia_noise / np.sqrt(every))
+    if motion.felt is not None:
+        felt = replace(motion.felt, torque=slow(motion.felt.torque), position=slow(motion.felt.position))
+        motion = replace(motion, felt=replace(felt, valid=fewer.valid, rate=band.rate))
+    shares = None if run.shares is None else band.shares(motion.n, band.segments(fewer.valid))
+    return replace(run, signals=fewer, motion=motion, data=slow(run.data.T).T, shares=shares)

@@ -289,7 +289,8 @@ class Search:
         Each standard parameter may be wrong by about all of itself, or by as many times that as the change is beyond
         it: what the data do not tell stays as the file has it.
         """
-        file, p, heavy = self.problem.sensors.model, len(self.base.columns), massive_columns(self.problem.model)
+        file, p = self.problem.sensors.model, len(self.base.columns)
+        heavy = massive_columns(file)
         known = self.base.values(self.problem.model.standard_parameters) - self.base.values(file.standard_parameters)
         own = self.base.matrix[:, heavy] * _sizes(file)[heavy]
         before, errors = own @ own.T, fit.covariance[:p, :p]
@@ -1384,12 +1385,10 @@ def updated_model(model: CableModel, base: BaseParameters, change: Vector, sizes
     """Give the model whose base parameters differ by `change` from those of `model`, the rest as near as can be.
 
     Near in units of the standard parameters, or of `sizes` if given. What stands behind the base parameters in a fit, a
-    payload's, is left out.
+    payload's, is left out. A link's mass alone, of which no torque tells, may become negative.
     """
-    heavy = massive_columns(model)
-    size = np.ones(len(heavy)) if sizes is None else sizes[heavy]
-    step = np.zeros(base.matrix.shape[1])
-    step[heavy] = size * (np.linalg.pinv(base.matrix[:, heavy] * size) @ change[: len(base.columns)])
+    size = np.ones(base.matrix.shape[1]) if sizes is None else sizes
+    step = size * (np.linalg.pinv(base.matrix * size) @ change[: len(base.columns)])
     return model.with_standard_parameters(model.standard_parameters + step)
 
 

@@ -111,6 +111,14 @@ class Signals:
         """Pass columns on the same grid, shape (n, ...), through the common filter."""
         return lowpass(x, self.rate, self.cutoff, self.order)
 
+    def thinned(self, every: int) -> Signals:
+        """Give every so manieth sample, after a low-pass of what was not filtered."""
+        rate, part = self.rate / every, slice(None, None, every)
+        logged = {name: lowpass(x, self.rate, 0.4 * rate, self.order)[part] for name, x in self.logged.items()}
+        light, channels = ({name: x[part] for name, x in group.items()} for group in (self.light, self.channels))
+        kept = {"time": self.time[part], "valid": self.valid[part], "rate": rate}
+        return replace(self, logged=logged, light=light, channels=channels, **kept)
+
 
 def prepare(
     recording: Recording,

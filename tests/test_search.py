@@ -19,10 +19,11 @@ from cdm_pin.explain import freed, is_resolved, settled
 from cdm_pin.manipulator import parse_manipulator
 from cdm_pin.model import build_model, load_model
 from cdm_pin.next_experiment import plan_next
+from cdm_pin.patches import PATCHES
 from cdm_pin.plant.draw import draw
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording, load_recording
-from cdm_pin.selection import Score, Search, Settings, all_candidates, errors, rms, tones
+from cdm_pin.selection import Score, Search, Settings, all_candidates, errors, rms, tones, updated_model
 from cdm_pin.signals_filters import differentiate, lowpass
 from cdm_pin.spectra import spectrum, stands_out, whitener_of
 from cdm_pin.urdf import generate_urdf
@@ -526,3 +527,85 @@ def test_a_score_counts_what_a_sign_held_at_zero_gains_once_it_is_free(peak, sta
     fit = SimpleNamespace(effects=(law,), beta=(np.array([0.2, peak]),), whitener=None, deviance=100.0)
     search = SimpleNamespace(fit=lambda effects, whitener: SimpleNamespace(deviance=10.0))
     assert freed(search, fit, law, Score(20.0, 1, np.array([1.0]), 1.0, 1.0)).statistic == statistic
+
+
+def test_a_model_changes_as_asked_for_also_where_a_mass_became_negative():
+    """Of a mass alone no torque tells: a fit may make it negative, and the next has to find its link all the same."""
+    model, rng = load_model("urdf/planar3.yaml"), np.random.default_rng(0)
+    base = base_parameters(model, columns=massive_columns(model))
+    start = base.values(model.standard_parameters)
+    for change in (-3.0 * start, 0.1 * rng.normal(size=len(start))):
+        model, start = updated_model(model, base, change), start + change
+        assert base.values(model.standard_parameters) == pytest.approx(start, abs=1e-9)
+    assert model.standard_parameters[0::10].min() < 0.0
+
+
+def quick_recording(rate: float, *, disc: float = 0.0, seed: int = 0):
+    """Record 30 s of the planar arm of two links at some rate: friction of 0.3 N m on joint 2, encoders on both sides.
+
+    That of motor 2 may sit on a disc that is eccentric by so much [rad].
+    """
+    model, rng = load_model("urdf/cdm2.yaml"), np.random.default_rng(seed)
+    t = np.arange(0.0, 30.0, 1.0 / rate)
+    w = 2 * np.pi * 0.15 * np.arange(1, 6)
+    a, b = np.random.default_rng(7).normal(size=(2, 2, 5)) * 0.35 / np.arange(1, 6)
+    s, c = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
+    q, v, acceleration = s @ a.T + c @ b.T, (c * w) @ a.T - (s * w) @ b.T, -(s * w**2) @ a.T - (c * w**2) @ b.T
+    tau = inverse_dynamics(model, q, v, acceleration)
+    tau[:, 1] += 0.3 * np.tanh(v[:, 1] / 0.01)
+    q_m, step = model.motor_position(q), 2 * np.pi / 2**17
+    q_m[:, 1] += disc * np.sin(q_m[:, 1] + 0.4)
+    noise = 0.02 * np.sqrt(rate / 200.0)  # of one density, whatever the rate
+    torque = tau @ model.joint_from_motor + noise * rng.normal(size=q.shape)
+    positions = {"joint_position": np.round(q / step) * step, "motor_position": np.round(q_m / step) * step}
+    return model, Recording(t, positions | {"motor_torque": torque})
+
+
+def test_a_recording_at_a_higher_rate_says_the_same():
+    """A thousand samples per second are thinned before anything is fitted, to what two hundred would have said."""
+    found = {}
+    for rate in (200.0, 1000.0):
+        model, record = quick_recording(rate)
+        result = diagnose(model, [record])
+        assert result.search is not None
+        assert result.search.problem.band.rate == pytest.approx(200.0)
+        (found[rate],) = result.content["findings"]
+        assert (found[rate]["effect"], found[rate]["location"]) == ("coulomb_friction", {"kind": "joint", "index": 2})
+    values, errors_ = zip(
+        *((f["parameters"]["coulomb"][k] for k in ("value", "std")) for f in found.values()), strict=True
+    )
+    assert values == pytest.approx([0.3, 0.3], abs=0.006)
+    assert errors_[1] == pytest.approx(errors_[0], rel=0.35)
+
+
+def test_an_eccentric_encoder_disc_has_no_name_in_the_catalogue():
+    """What one encoder reads off by a sine of its own angle is no error of the cable map, small as it is."""
+    model, record = quick_recording(200.0, disc=0.006)
+    content = diagnose(model, [record]).content
+    assert content["verdict"] == "unexplained"
+    assert content["unexplained"]["location"] == {"kind": "motor", "index": 2}
+    assert "encoder" in content["unexplained"]["region"]
+    (friction,) = content["findings"]  # which shows in torques, not in readings
+    assert (friction["effect"], friction["location"]) == ("coulomb_friction", {"kind": "joint", "index": 2})
+
+
+def test_a_misread_joint_moves_torques_as_its_readings_do():
+    """Columns of an eccentric disc on a joint are what such readings make of travel and torque, to first order."""
+    model, record = quick_recording(200.0)
+    (motion,) = make_problem(model, [record]).motions
+    place = next(p for p in PATCHES["unnamed_reading"].places(model) if p.location == {"kind": "joint", "index": 1})
+    columns = PATCHES["unnamed_reading"].columns(motion, place, ())
+    beta, q = 1e-5 * np.array([0.6, -0.8]), motion.q[:, 0]
+    off = beta[0] * np.sin(q) + beta[1] * np.cos(q)
+    slope, bend = beta[0] * np.cos(q) - beta[1] * np.sin(q), -off
+    read = [motion.q.copy(), motion.v.copy(), motion.a.copy()]  # what it moves by is what it reads less the error
+    read[0][:, 0] -= off
+    read[1][:, 0] -= slope * motion.v[:, 0]
+    read[2][:, 0] -= slope * motion.a[:, 0] + bend * motion.v[:, 0] ** 2
+    due = (
+        inverse_dynamics(model, *read) - inverse_dynamics(model, motion.q, motion.v, motion.a)
+    ) @ model.joint_from_motor
+    assert columns.torque is not None and columns.kinematic is not None
+    assert columns.torque @ beta == pytest.approx(due, abs=1e-3 * np.abs(due).max())
+    travel = -off[:, None] * model.arm_scale * model.motor_from_joint[:, 0]
+    assert columns.kinematic @ beta == pytest.approx(travel, abs=1e-12)
