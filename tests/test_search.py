@@ -578,6 +578,24 @@ def test_a_recording_at_a_higher_rate_says_the_same():
     assert errors_[1] == pytest.approx(errors_[0], rel=0.35)
 
 
+def test_unseen_recordings_at_another_rate_keep_the_band():
+    model, record = quick_recording(200.0)
+    problem = make_problem(model, [record])
+    for rate, kept in ((100.0, 100.0), (1000.0, 200.0)):
+        unseen = make_problem(model, [quick_recording(rate)[1]], problem.band)
+        assert unseen.band.rate == pytest.approx(kept)
+        assert unseen.band.cutoff == problem.band.cutoff
+        torques = [rms(*_rest(p))[:2] for p in (unseen, problem)]
+        assert torques[0] == pytest.approx(torques[1], rel=0.1)
+
+
+def _rest(problem):
+    """Give a search of a problem and what the rigid body leaves there."""
+    search = Search(problem, base_parameters(problem.model, columns=massive_columns(problem.model)), Settings())
+    fit = search.fit([])
+    return search, errors(search, fit.base, [], [])
+
+
 def test_an_eccentric_encoder_disc_has_no_name_in_the_catalogue():
     """What one encoder reads off by a sine of its own angle is no error of the cable map, small as it is."""
     model, record = quick_recording(200.0, disc=0.006)
