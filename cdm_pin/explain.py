@@ -207,7 +207,7 @@ def explain(
             search, accepted = settled(there, prune(there, more))
     search, accepted = _unpatched(search, bank, accepted)
     explanation = _plainer(_renamed(explained(search, search.renewed(bank), accepted)))
-    explanation = _pruned(_peaked(_simplest(explanation)))
+    explanation = _pruned(_peakless(_peaked(_simplest(explanation))))
     say.looked(explanation.fit)
     return explanation
 
@@ -450,6 +450,18 @@ def _peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
         passage = _within(search, refined[i][0], statistic, search.settings.close)
         if worth > max(free - search.settings.within(statistic), gain(search, without, *plain) + passage):
             accepted[j] = refined[i][0]
+    return _with(explanation, accepted)
+
+
+def _peakless(explanation: Explanation, least: float = 2.0) -> Explanation:
+    """Let Stribeck's friction be dry where its peak is no more than so many of its errors."""
+    fit, accepted = explanation.fit, [f.candidate for f in explanation.found]
+    first = len(fit.base) + np.cumsum([0, *map(len, fit.beta)])
+    for j, candidate in enumerate(accepted):
+        if candidate.effect.name == "stribeck_friction":
+            error = np.sqrt(fit.covariance[first[j] + 1, first[j] + 1])
+            if fit.beta[j][1] <= least * error and candidate.dry.key not in [c.key for c in accepted]:
+                accepted[j] = candidate.dry
     return _with(explanation, accepted)
 
 

@@ -14,8 +14,8 @@ from trials import loaded_trial
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.diagnose import diagnose
 from cdm_pin.dynamics import inverse_dynamics
-from cdm_pin.effects import CATALOGUE, Candidate, pair_places
-from cdm_pin.explain import freed, is_resolved, settled
+from cdm_pin.effects import CATALOGUE, Candidate, joint_places, pair_places
+from cdm_pin.explain import _peakless, explained, freed, is_resolved, settled
 from cdm_pin.manipulator import parse_manipulator
 from cdm_pin.model import build_model, load_model
 from cdm_pin.next_experiment import plan_next
@@ -540,10 +540,10 @@ def test_a_model_changes_as_asked_for_also_where_a_mass_became_negative():
     assert model.standard_parameters[0::10].min() < 0.0
 
 
-def quick_recording(rate: float, *, disc: float = 0.0, seed: int = 0):
+def quick_recording(rate: float, *, disc: float = 0.0, peak: float = 0.0, seed: int = 0):
     """Record 30 s of the planar arm of two links at some rate: friction of 0.3 N m on joint 2, encoders on both sides.
 
-    That of motor 2 may sit on a disc that is eccentric by so much [rad].
+    That of motor 2 may sit on a disc that is eccentric by so much [rad], and friction be larger by a peak at low speed.
     """
     model, rng = load_model("urdf/cdm2.yaml"), np.random.default_rng(seed)
     t = np.arange(0.0, 30.0, 1.0 / rate)
@@ -552,7 +552,7 @@ def quick_recording(rate: float, *, disc: float = 0.0, seed: int = 0):
     s, c = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
     q, v, acceleration = s @ a.T + c @ b.T, (c * w) @ a.T - (s * w) @ b.T, -(s * w**2) @ a.T - (c * w**2) @ b.T
     tau = inverse_dynamics(model, q, v, acceleration)
-    tau[:, 1] += 0.3 * np.tanh(v[:, 1] / 0.01)
+    tau[:, 1] += (0.3 + peak * np.exp(-((v[:, 1] / 0.2) ** 2))) * np.tanh(v[:, 1] / 0.01)
     q_m, step = model.motor_position(q), 2 * np.pi / 2**17
     q_m[:, 1] += disc * np.sin(q_m[:, 1] + 0.4)
     noise = 0.02 * np.sqrt(rate / 200.0)  # of one density, whatever the rate
@@ -576,6 +576,16 @@ def test_a_recording_at_a_higher_rate_says_the_same():
     )
     assert values == pytest.approx([0.3, 0.3], abs=0.006)
     assert errors_[1] == pytest.approx(errors_[0], rel=0.35)
+
+
+@pytest.mark.parametrize(("peak", "due"), [(0.0, "coulomb_friction"), (0.15, "stribeck_friction")])
+def test_friction_without_a_peak_is_dry(peak, due):
+    model, record = quick_recording(200.0, peak=peak)
+    search, _ = _rest(make_problem(model, [record]))
+    bank = search.bank(all_candidates(search.problem, ["coulomb_friction", "stribeck_friction"]))
+    law = Candidate(CATALOGUE["stribeck_friction"], joint_places(model)[1], (0.01, 0.2))
+    found = _peakless(explained(search, bank, [law]))
+    assert [f.candidate.effect.name for f in found.found] == [due]
 
 
 def test_unseen_recordings_at_another_rate_keep_the_band():
