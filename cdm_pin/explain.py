@@ -454,13 +454,13 @@ def _peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
 
 
 def _peakless(explanation: Explanation, least: float = 2.0) -> Explanation:
-    """Let Stribeck's friction be dry where its peak is no more than so many of its errors."""
+    """Let Stribeck's friction be dry where its peak is no more than so many errors, or than its sign's passage makes."""
     fit, accepted = explanation.fit, [f.candidate for f in explanation.found]
     first = len(fit.base) + np.cumsum([0, *map(len, fit.beta)])
     for j, candidate in enumerate(accepted):
         if candidate.effect.name == "stribeck_friction":
-            error = np.sqrt(fit.covariance[first[j] + 1, first[j] + 1])
-            if fit.beta[j][1] <= least * error and candidate.dry.key not in [c.key for c in accepted]:
+            (level, peak), error = fit.beta[j][:2], np.sqrt(fit.covariance[first[j] + 1, first[j] + 1])
+            if peak <= max(least * error, PASSAGE * level) and candidate.dry.key not in [c.key for c in accepted]:
                 accepted[j] = candidate.dry
     return _with(explanation, accepted)
 
