@@ -454,7 +454,7 @@ def _peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
 
 
 def _peakless(explanation: Explanation, least: float = 2.0) -> Explanation:
-    """Let Stribeck's friction be dry where its peak is no more than so many errors, or than its sign's passage makes."""
+    """Let Stribeck's friction be dry where its peak is no more than so many errors, or than its sign's passage."""
     fit, accepted = explanation.fit, [f.candidate for f in explanation.found]
     first = len(fit.base) + np.cumsum([0, *map(len, fit.beta)])
     for j, candidate in enumerate(accepted):
