@@ -274,6 +274,8 @@ def _method_text(rows: Sequence[ps.Row], word: str, link: str) -> str:
         [(name, len(ps.of(rows, name)), study.text) for name, study in STUDIES.items()],
     )
     versions = f"{len(codes)} version{'s' if len(codes) != 1 else ''}"
+    faint = [f"{row['study']}/{row['index']}" for row in rows if ps.faint(row)]
+    aside = f" {len(faint)} trials are left out for that: {', '.join(faint)}." if faint else ""
     return f"""## How it was done
 
 {counts}
@@ -282,6 +284,8 @@ def _method_text(rows: Sequence[ps.Row], word: str, link: str) -> str:
   in the loop, or from MuJoCo; they share no code with the diagnosis (a test walks the imports). Arms of 2 to 6 links of
   some 10 N m, masses in the file wrong by up to 10 %, encoders of 17 and 14 bits, white noise or AR(1) with drift,
   clocks jittered by 5 %, joint, motor or both positions logged, 60 s at 200 Hz and as much held out.
+- **Size**: a study that asks for a visibility takes the first of 20 draws that has it, by the oracle, which knows no
+  diagnosis. Where none has, as a cable may be too stiff, the trial stays in trials.csv and out of the tables.{aside}
 - **Seal**: seeds are SHA-256 of `{word}`, the study and the trial's number. The diagnosis is handed the published files
   alone. The column `truth` of [trials.csv]({link}/trials.csv) holds the first digits of the truth's SHA-256.
 - **Again**: `scripts/proof.py --show STUDY/NUMBER` prints the command that makes a trial of this page again. All of it:

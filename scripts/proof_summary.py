@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from proof_studies import STUDIES
+from proof_studies import STUDIES, trial_words
 from scipy.stats import beta, norm
 
 from cdm_pin.plant.oracle import SURE
@@ -61,8 +61,19 @@ def listed(row: Row, name: str) -> list[str]:
 
 
 def of(rows: Iterable[Row], *studies: str) -> list[Row]:
-    """Pick the trials of some studies."""
-    return [row for row in rows if row["study"] in studies]
+    """Pick the trials of some studies, those aside that are fainter than their study asks for."""
+    return [row for row in rows if row["study"] in studies and not faint(row)]
+
+
+def faint(row: Row) -> bool:
+    """Whether the plant drew, time and again, nothing as visible as the study asks for; the oracle says so.
+
+    What lies in the span of the masses is never visible, and concealed nevertheless.
+    """
+    words = trial_words(row["study"], int(row["index"])).split()
+    least = float(words[words.index("--at-least") + 1]) if "--at-least" in words else 0.0
+    shown = zip(listed(row, "effects"), row["places"].split(";"), numbers(row, "visibility"), strict=False)
+    return any(x < least and not _in_span(row, effect, place) for effect, place, x in shown)
 
 
 def in_share(rows: Sequence[Row]) -> list[Row]:
@@ -109,9 +120,12 @@ def within(rows: Iterable[Row], low: float, high: float) -> list[Row]:
 
 def rigid(row: Row) -> bool:
     """Whether the one effect of a trial lies in the span of the masses."""
-    place = row["places"].split()
-    location = {"index": int(place[1])} if row["effects"] == "encoder_offset" else {}
-    return in_rigid_body({"effect": row["effects"], "location": location}, int(row["links"]), row["positions"])
+    return _in_span(row, row["effects"], row["places"])
+
+
+def _in_span(row: Row, effect: str, place: str) -> bool:
+    location = {"index": int(place.split()[1])} if effect == "encoder_offset" else {}
+    return in_rigid_body({"effect": effect, "location": location}, int(row["links"]), row["positions"])
 
 
 def found(rows: Iterable[Row]) -> Share:

@@ -178,6 +178,24 @@ def rows_of(proof):
     return rows
 
 
+def test_trials_fainter_than_asked_for_are_left_out(proof):
+    """Only where the oracle says so, whatever the diagnosis made of them, and not what masses take anyway."""
+    spring = {"effects": "joint_spring", "places": "joint 2"}
+    last = {"effects": "encoder_offset", "places": "joint 3", "visibility": "0.1"}
+    rows = [
+        made_up(proof, "plain", 0, visibility="300", **spring),
+        made_up(proof, "plain", 1, visibility="12", first=0, all=0, **spring),
+        made_up(proof, "quarter", 2, visibility="13", **spring),
+        made_up(proof, "plain", 3, **last),
+        made_up(proof, "plain", 4, positions="both", **last),
+        made_up(proof, "two", 5, effects="joint_spring;payload", places="joint 2;link 1", visibility="60;1e-9"),
+        made_up(proof, "ladder", 6, visibility="1", **spring),
+        made_up(proof, "clean", 7),
+    ]
+    assert [proof.summary.faint(row) for row in rows] == [False, True, False, False, True, False, False, False]
+    assert len(proof.summary.of(rows, "plain")) == 2
+
+
 def test_bars_are_judged(proof):
     """Counts, failures and confidence enter the table of bars as they should."""
     table = {bar.what: bar for bar in proof.summary.bars(rows_of(proof))}
