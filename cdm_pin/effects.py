@@ -1446,7 +1446,7 @@ CATALOGUE: dict[str, Effect] = {
             "position_dependent_friction",
             (
                 Parameter("coulomb", _NM, 0.0),
-                Parameter("depth", "1"),
+                Parameter("depth", "1", 0.0, 1.0),
                 Parameter("cycles", "1/rad"),
                 Parameter("phase", _RAD),
             ),
