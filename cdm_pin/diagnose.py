@@ -661,6 +661,12 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
         unexplained = swinging_torque(search)
     for j, values in stated.items():
         stated[j] = fi.with_law_errors(search, fit, j, covariance, np.r_[betas[j], shapes[j]], values)
+    if judge is not None and any(judge.problem.segments):
+        step, spread = fi.unseen_step(judge, fit)
+        for j in [j for j in stated if explanation.found[j].candidate.effect.name not in ONCE]:
+            index = np.r_[betas[j], shapes[j]]
+            both = (covariance + spread)[np.ix_(index, index)]
+            stated[j] = fi.with_scatter(fit.effects[j], fit.beta[j], step[index], both, stated[j])
     items = [_finding(search, judge, explanation, j, values) for j, values in stated.items()]
     written = fitted if explanation.everywhere else stated  # also those whose names are not sure
     records = [

@@ -16,7 +16,7 @@ from .geometry import Vector
 from .model import CableModel
 from .motion import Motion
 from .patches import MISREAD
-from .selection import Fit, Search
+from .selection import Fit, Search, errors
 from .units import unit_at
 from .whitening import log_p
 
@@ -46,16 +46,61 @@ def joint_covariance(search: Search, fit: Fit) -> tuple[Vector, list[slice], lis
         Where each effect's coefficients and shape stand.
     """
     W, slopes = _all_columns(search, fit)
-    scale = np.linalg.norm(W, axis=1)
-    scale[scale == 0] = np.inf
-    information = (W / scale[:, None]) @ (W / scale[:, None]).T
-    covariance = np.linalg.pinv(information, rcond=1e-9, hermitian=True) / scale[:, None] / scale
+    covariance = _inverse(W)
     start, betas, shapes = search.n_rigid, [], []
     for slope, b in zip(slopes, fit.beta, strict=True):
         betas.append(slice(start, start + len(b)))
         shapes.append(slice(start + len(b), start + len(b) + len(slope)))
         start += len(b) + len(slope)
     return covariance, betas, shapes
+
+
+def _inverse(W: Vector) -> Vector:
+    """Covariance of coefficients of whitened rows, shape (k, n)."""
+    scale = np.linalg.norm(W, axis=1)
+    scale[scale == 0] = np.inf
+    information = (W / scale[:, None]) @ (W / scale[:, None]).T
+    return np.linalg.pinv(information, rcond=1e-9, hermitian=True) / scale[:, None] / scale
+
+
+def unseen_step(judge: Search, fit: Fit) -> tuple[Vector, Vector]:
+    """Give by how much unseen recordings alone would change all parameters of a fit, and with what covariance.
+
+    One Gauss-Newton step, beside drifting zeros; parameters stand as in `joint_covariance`.
+    """
+    W = _all_columns(judge, fit)[0]
+    rest = [e[None] for e in errors(judge, fit.base, fit.effects, fit.beta)]
+    drift, (rest,) = judge.white(fit.whitener, judge.drifts), judge.white(fit.whitener, rest)
+    scale = np.linalg.norm(drift, axis=1)
+    Q = np.linalg.qr((drift[scale > 0] / scale[scale > 0, None]).T)[0]
+    W, rest = W - (W @ Q) @ Q.T, rest - Q @ (Q.T @ rest)
+    covariance = _inverse(W)
+    return covariance @ (W @ rest), covariance
+
+
+def with_scatter(
+    candidate: Candidate, beta: Vector, step: Vector, covariance: Vector, values: dict[str, dict[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """Widen standard errors by how far apart training and unseen recordings see a parameter, beyond chance.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    beta : ndarray, shape (k,)
+    step : ndarray, shape (k + m,)
+        By how much unseen recordings would change coefficients and the first m elements of the shape.
+    covariance : ndarray, shape (k + m, k + m)
+        Of that.
+    values : dict
+        Parameters as estimated.
+    """
+    apart, chance = (parameters(candidate, beta, x) for x in (np.outer(step, step), covariance))
+    out = {}
+    for name, v in values.items():
+        far, near = apart[name]["std"], chance[name]["std"]
+        more = np.sqrt(far**2 - near**2) if far > SCATTER * near else 0.0
+        out[name] = v | {"std": float(np.hypot(v["std"], more))}
+    return out
 
 
 def stiffening(search: Search, fit: Fit, j: int, covariance: Vector) -> Vector:
@@ -175,6 +220,8 @@ LEAST = 0.002
 """Relative accuracy beyond which no parameter is known."""
 NEARLY = 0.9
 """Cosine of the motors' torques from which on two places are not told apart beside what has no name."""
+SCATTER = 2.0
+"""Standard errors by which training and unseen recordings differ by chance."""
 SHAPES = ("phase", "cycles", "form", "ratio", "stribeck_velocity", "time_constant", "rest", "start", "end", "recording")
 """Parameters that say what an effect looks like, not how large it is."""
 
