@@ -16,6 +16,7 @@ from cdm_pin.diagnose import diagnose
 from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.effects import CATALOGUE, Candidate, joint_places, pair_places
 from cdm_pin.explain import _peakless, explained, freed, is_resolved, settled
+from cdm_pin.findings import parameters, unseen_step, with_scatter
 from cdm_pin.manipulator import parse_manipulator
 from cdm_pin.model import build_model, load_model
 from cdm_pin.next_experiment import plan_next
@@ -540,8 +541,8 @@ def test_a_model_changes_as_asked_for_also_where_a_mass_became_negative():
     assert model.standard_parameters[0::10].min() < 0.0
 
 
-def quick_recording(rate: float, *, disc: float = 0.0, peak: float = 0.0, seed: int = 0):
-    """Record 30 s of the planar arm of two links at some rate: friction of 0.3 N m on joint 2, encoders on both sides.
+def quick_recording(rate: float, *, disc: float = 0.0, peak: float = 0.0, level: float = 0.3, seed: int = 0):
+    """Record 30 s of the planar arm of two links at some rate: dry friction on joint 2, encoders on both sides.
 
     That of motor 2 may sit on a disc that is eccentric by so much [rad], and friction be larger by a peak at low speed.
     """
@@ -552,7 +553,7 @@ def quick_recording(rate: float, *, disc: float = 0.0, peak: float = 0.0, seed: 
     s, c = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
     q, v, acceleration = s @ a.T + c @ b.T, (c * w) @ a.T - (s * w) @ b.T, -(s * w**2) @ a.T - (c * w**2) @ b.T
     tau = inverse_dynamics(model, q, v, acceleration)
-    tau[:, 1] += (0.3 + peak * np.exp(-((v[:, 1] / 0.2) ** 2))) * np.tanh(v[:, 1] / 0.01)
+    tau[:, 1] += (level + peak * np.exp(-((v[:, 1] / 0.2) ** 2))) * np.tanh(v[:, 1] / 0.01)
     q_m, step = model.motor_position(q), 2 * np.pi / 2**17
     q_m[:, 1] += disc * np.sin(q_m[:, 1] + 0.4)
     noise = 0.02 * np.sqrt(rate / 200.0)  # of one density, whatever the rate
@@ -637,3 +638,22 @@ def test_a_misread_joint_moves_torques_as_its_readings_do():
     assert columns.torque @ beta == pytest.approx(due, abs=1e-3 * np.abs(due).max())
     travel = -off[:, None] * model.arm_scale * model.motor_from_joint[:, 0]
     assert columns.kinematic @ beta == pytest.approx(travel, abs=1e-12)
+
+
+@pytest.mark.parametrize(("larger", "widened"), [(1.0, False), (1.1, True)])
+def test_errors_hold_what_recordings_say_apart(larger, widened):
+    """Friction a tenth larger in the unseen recording: by so much its coefficient is not known, and no less."""
+    model, record = quick_recording(200.0)
+    search, _ = _rest(make_problem(model, [record]))
+    other = quick_recording(200.0, seed=1, level=0.3 * larger)[1]
+    law = Candidate(CATALOGUE["coulomb_friction"], joint_places(model)[1], (0.01,))
+    fit = search.fit([law], search.noise([law]))
+    judge = search.judge(make_problem(model, [other], search.problem.band))
+    (step, spread), p = unseen_step(judge, fit), search.n_rigid
+    assert step[p] == pytest.approx(0.3 * (larger - 1.0), abs=0.003)
+    own, spread = fit.covariance[p:, p:], spread[p:, p:]
+    values = parameters(law, fit.beta[0], own)
+    after = with_scatter(law, fit.beta[0], step[p:], own + spread, values)["coulomb"]["std"]
+    assert after == pytest.approx(
+        np.hypot(values["coulomb"]["std"], 0.03) if widened else values["coulomb"]["std"], rel=0.15
+    )
