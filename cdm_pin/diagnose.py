@@ -615,13 +615,13 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
         named = [j for j in named if fi.is_sure(model, explanation.found[j], patches)]
     named.sort(key=lambda j: -explanation.found[j].score.statistic)
     covariance, betas, shapes = fi.joint_covariance(search, fit)
+    where = [np.r_[beta, shape] for beta, shape in zip(betas, shapes, strict=True)]
     own_rigid = search.stiff.fit([])
     stated = {}
     fitted: dict[int, dict[str, Any]] = {}
     for j in named:
         found = explanation.found[j]
-        index = np.r_[betas[j], shapes[j]]
-        spread = covariance[np.ix_(index, index)]
+        spread = covariance[np.ix_(where[j], where[j])]
         values = fi.parameters(found.candidate, fit.beta[j], spread)
         known = fi.is_known(values, found.candidate, fit.beta[j], spread)
         sure = known and fi.is_admissible(found.candidate.effect, values) and found.gain >= 5.0
@@ -660,13 +660,13 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
     if unexplained is None and not stated:
         unexplained = swinging_torque(search)
     for j, values in stated.items():
-        stated[j] = fi.with_law_errors(search, fit, j, covariance, np.r_[betas[j], shapes[j]], values)
-    if judge is not None and any(judge.problem.segments):
-        step, spread = fi.unseen_step(judge, fit)
-        for j in [j for j in stated if explanation.found[j].candidate.effect.name not in ONCE]:
-            index = np.r_[betas[j], shapes[j]]
-            both = (covariance + spread)[np.ix_(index, index)]
-            stated[j] = fi.with_scatter(fit.effects[j], fit.beta[j], step[index], both, stated[j])
+        stated[j] = fi.with_law_errors(search, fit, j, covariance, where[j], values)
+    lasting = [j for j in stated if fit.effects[j].effect.name not in ONCE]
+    if lasting and judge is not None and any(judge.problem.segments):
+        step, unseen = fi.unseen_step(judge, fit)
+        for j in lasting:
+            both = (covariance + unseen)[np.ix_(where[j], where[j])]
+            stated[j] = fi.with_scatter(fit.effects[j], fit.beta[j], step[where[j]], both, stated[j])
     items = [_finding(search, judge, explanation, j, values) for j, values in stated.items()]
     written = fitted if explanation.everywhere else stated  # also those whose names are not sure
     records = [

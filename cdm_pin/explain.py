@@ -666,14 +666,10 @@ def patch(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candida
         kept = _worth(search, clear, accepted, rest, added)
         return [*(accepted if kept else rest), added]
     for place in {(c.place.A, c.place.B): c for c in accepted if c.named and c.place.A}.values():
-        rest = [c for c in accepted if not c.meets(place)]
-        without = search.fit(rest, clear.whitener)
-        taken = len(accepted) - len(rest)
-        statistic = without.deviance - clear.deviance
-        k = search.size(*(c for c in accepted if c.meets(place)))
-        old = 0.5 * statistic - 0.5 * np.log(clear.n_rows) * k
+        taken = [c for c in accepted if c.meets(place)]
+        rest, without, statistic, old = _given_up(search, clear, accepted, taken)
         for candidate, score, weight in _leaders(search, without, bank, 2, rest, named=False):
-            margin = 0.5 * s.patch_law_error**2 * statistic * (1 if taken < 3 else -1)
+            margin = 0.5 * s.patch_law_error**2 * statistic * (1 if len(taken) < 3 else -1)
             if (
                 is_loud(score)
                 and _passes(search, candidate, score, weight, without)
@@ -681,21 +677,28 @@ def patch(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candida
                 and _is_seconded(search, search.fit(rest, fit.whitener), candidate, score, weight)
             ):
                 return [*rest, candidate]
-    return _misread(search, bank, accepted, clear)
+    return _misreading(search, bank, accepted, clear)
 
 
-def _misread(search: Search, bank: Bank, accepted: list[Candidate], clear: Fit) -> list[Candidate] | None:
+def _misreading(search: Search, bank: Bank, accepted: list[Candidate], clear: Fit) -> list[Candidate] | None:
     """Put the reading of one encoder in the place of several errors of the cable map; None where it explains less."""
-    rest = [c for c in accepted if c.effect.name not in MAPS]
-    if len(accepted) - len(rest) < 2:
+    taken = [c for c in accepted if c.effect.name in MAPS]
+    if len(taken) < 2:
         return None
-    without = search.fit(rest, clear.whitener)
-    taken = search.size(*(c for c in accepted if c not in rest))
-    old = 0.5 * (without.deviance - clear.deviance) - 0.5 * np.log(clear.n_rows) * taken
+    rest, without, _, old = _given_up(search, clear, accepted, taken)
     readings = [c for c in bank.candidates if c.effect.name == MISREAD]
     gains = [gain(search, without, c, search.score(without, c)) for c in readings]
-    best = int(np.argmax(gains)) if gains else -1
-    return [*rest, readings[best]] if gains and gains[best] > old else None
+    return [*rest, readings[int(np.argmax(gains))]] if max(gains, default=old) > old else None
+
+
+def _given_up(
+    search: Search, clear: Fit, accepted: list[Candidate], taken: list[Candidate]
+) -> tuple[list[Candidate], Fit, float, float]:
+    """Give what is left without some effects, its fit, and what they explained: its size, and their gain as `gain`."""
+    rest = [c for c in accepted if c not in taken]
+    without = search.fit(rest, clear.whitener)
+    statistic = without.deviance - clear.deviance
+    return rest, without, statistic, 0.5 * statistic - 0.5 * np.log(clear.n_rows) * search.size(*taken)
 
 
 def _has_a_name(search: Search, bank: Bank, grown: list[Candidate], patched: list[Candidate]):

@@ -16,8 +16,9 @@ from .geometry import Vector
 from .model import CableModel
 from .motion import Motion
 from .patches import MISREAD
-from .selection import Fit, Search, errors
+from .selection import Fit, Search
 from .units import unit_at
+from .unseen import beside, stacked
 from .whitening import log_p
 
 Location = dict[str, Any]
@@ -46,7 +47,7 @@ def joint_covariance(search: Search, fit: Fit) -> tuple[Vector, list[slice], lis
         Where each effect's coefficients and shape stand.
     """
     W, slopes = _all_columns(search, fit)
-    covariance = _inverse(W)
+    covariance = _covariance(W)
     start, betas, shapes = search.n_rigid, [], []
     for slope, b in zip(slopes, fit.beta, strict=True):
         betas.append(slice(start, start + len(b)))
@@ -55,7 +56,7 @@ def joint_covariance(search: Search, fit: Fit) -> tuple[Vector, list[slice], lis
     return covariance, betas, shapes
 
 
-def _inverse(W: Vector) -> Vector:
+def _covariance(W: Vector) -> Vector:
     """Covariance of coefficients of whitened rows, shape (k, n)."""
     scale = np.linalg.norm(W, axis=1)
     scale[scale == 0] = np.inf
@@ -68,13 +69,9 @@ def unseen_step(judge: Search, fit: Fit) -> tuple[Vector, Vector]:
 
     One Gauss-Newton step, beside drifting zeros; parameters stand as in `joint_covariance`.
     """
-    W = _all_columns(judge, fit)[0]
-    rest = [e[None] for e in errors(judge, fit.base, fit.effects, fit.beta)]
-    drift, (rest,) = judge.white(fit.whitener, judge.drifts), judge.white(fit.whitener, rest)
-    scale = np.linalg.norm(drift, axis=1)
-    Q = np.linalg.qr((drift[scale > 0] / scale[scale > 0, None]).T)[0]
-    W, rest = W - (W @ Q) @ Q.T, rest - Q @ (Q.T @ rest)
-    covariance = _inverse(W)
+    drifts, rest = (judge.white(fit.whitener, series) for series in (judge.drifts, stacked(judge, fit)))
+    W, rest = beside(drifts, _all_columns(judge, fit)[0], rest[0])
+    covariance = _covariance(W)
     return covariance @ (W @ rest), covariance
 
 

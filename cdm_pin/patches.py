@@ -50,6 +50,8 @@ def _bumps(x, count):
     return out
 
 
+MISREAD = "unnamed_reading"
+"""What an encoder's own error is called."""
 Variable = Callable[[Motion, Place, float], Vector]
 
 
@@ -301,18 +303,17 @@ PATCHES: dict[str, Effect] = {
             "friction of {place} that depends on the time since it turned",
         ),
     )
+} | {
+    MISREAD: Effect(
+        MISREAD,
+        (),
+        _encoders,
+        _reading,
+        lambda beta, shape: {},
+        signs=(),
+        revealed_by="a reading of the encoder of {place} that is off by a sine of its angle",
+    )
 }
-MISREAD = "unnamed_reading"
-"""What an encoder's own error is called."""
-PATCHES[MISREAD] = Effect(
-    MISREAD,
-    (),
-    _encoders,
-    _reading,
-    lambda beta, shape: {},
-    signs=(),
-    revealed_by="a reading of the encoder of {place} that is off by a sine of its angle",
-)
 """Every unnamed correction by name; `revealed_by` holds the words for the region of the state."""
 RUBS = ("unnamed_rub", "unnamed_velocity", "unnamed_cross_rub", "unnamed_brake", "unnamed_wear", "unnamed_reversal")
 """Those of them that are frictions."""

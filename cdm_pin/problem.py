@@ -19,7 +19,7 @@ from .motion import Felt, Motion
 from .recording import Recording
 from .regressor import motor_regressor
 from .sensor_noise import SensorNoise, inertia_limit, inertia_noise, motion_limit, position_noise, travel_noise
-from .signals import Signals, prepare
+from .signals import Signals, decimated, prepare
 from .signals_filters import differentiate, lowpass
 from .whitening import Lines, Segments
 
@@ -507,26 +507,23 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
 
 def _thinned(band: Band) -> Band:
     """Give the band for what comes in at as many samples as the laws of effects need."""
-    every = int(1.02 * band.rate / ENOUGH)
+    every = int(1.02 * band.rate / ENOUGH)  # clocks are a little slow
     return band if every < 2 else replace(make_band(band.rate / every, band.cutoff), slow=band.slow)
 
 
 def _thinned_run(run: Run, band: Band) -> Run:
-    """Give a run at the rate of a band, every so manieth sample of what nothing quicker is left in."""
+    """Give a run at the rate of a band: one of so many samples, of data that were not filtered after a low-pass."""
     signals, motion = run.signals, run.motion
     every = round(signals.rate / band.rate)
     if every < 2:
         return run
 
-    def kept(x: Vector) -> Vector:
-        return x[::every]
-
     def slow(x: Vector) -> Vector:
-        return kept(lowpass(x, signals.rate, 0.4 * band.rate, signals.order))
+        return lowpass(x, signals.rate, 0.4 * band.rate, signals.order)[::every]
 
-    fewer = signals.thinned(every)
+    fewer = decimated(signals, band.rate)
     names = ("time", "q", "v", "a", "q_m", "v_m", "a_m")
-    motion = replace(motion, **{name: kept(getattr(motion, name)) for name in names})
+    motion = replace(motion, **{name: getattr(motion, name)[::every] for name in names})
     if motion.inertia_noise is not None:  # white noise of that density
         motion = replace(motion, inertia_noise=motion.inertia_noise / np.sqrt(every))
     if motion.felt is not None:

@@ -31,6 +31,7 @@ __all__ = [
     "average_periods",
     "check",
     "choose_cutoff",
+    "decimated",
     "differentiate",
     "estimate_period",
     "logged_steps",
@@ -111,14 +112,6 @@ class Signals:
         """Pass columns on the same grid, shape (n, ...), through the common filter."""
         return lowpass(x, self.rate, self.cutoff, self.order)
 
-    def thinned(self, every: int) -> Signals:
-        """Give every so manieth sample, after a low-pass of what was not filtered."""
-        rate, part = self.rate / every, slice(None, None, every)
-        logged = {name: lowpass(x, self.rate, 0.4 * rate, self.order)[part] for name, x in self.logged.items()}
-        light, channels = ({name: x[part] for name, x in group.items()} for group in (self.light, self.channels))
-        kept = {"time": self.time[part], "valid": self.valid[part], "rate": rate}
-        return replace(self, logged=logged, light=light, channels=channels, **kept)
-
 
 def prepare(
     recording: Recording,
@@ -196,7 +189,7 @@ def prepare(
     notices += [f"{c.channel}: {c.message}".removeprefix(": ") for c in check(signals, model)]
     notices += _said(steps)
     signals = replace(signals, notices=tuple(notices))
-    return signals if rate is None else _decimated(signals, rate)
+    return signals if rate is None else decimated(signals, rate)
 
 
 def average_periods(signals: Signals, period: float | None = None) -> Periods:
@@ -389,7 +382,9 @@ def _said(steps: dict[str, np.ndarray]) -> list[str]:
     return notices
 
 
-def _decimated(signals: Signals, rate: float) -> Signals:
+def decimated(signals: Signals, rate: float) -> Signals:
+    """Give signals at a lower rate [Hz]; what was not filtered passes a low-pass first."""
+
     def carry(group: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         return {name: resample_uniform(signals.time, x, rate)[1] for name, x in group.items()}
 

@@ -29,13 +29,17 @@ def updated(judge: Search, fit: Fit, series: Sequence[Vector]) -> tuple[float, f
     W = judge.white(fit.whitener, banks)
     k = len(fit.covariance)
     values, vectors = np.linalg.eigh(fit.covariance)
-    X, drift, b = (vectors * np.sqrt(np.maximum(values, 0.0))).T @ W[:k], W[k:-1].T, W[-1]
-    scale = np.linalg.norm(drift, axis=0)
-    Q = np.linalg.qr(drift[:, scale > 0] / scale[scale > 0])[0]
-    X, b = X - (X @ Q) @ Q.T, b - Q @ (Q.T @ b)
+    X, b = beside(W[k:-1], (vectors * np.sqrt(np.maximum(values, 0.0))).T @ W[:k], W[-1])
     room = np.eye(k) + X @ X.T
     moved = X @ b
     return float(b @ b - moved @ np.linalg.solve(room, moved)), float(np.linalg.slogdet(room)[1])
+
+
+def beside(drifts: Vector, *series: Vector) -> list[Vector]:
+    """Give of whitened series, shape (..., n), what those of drifting zeros, shape (k, n), do not span."""
+    scale = np.linalg.norm(drifts, axis=1)
+    Q = np.linalg.qr((drifts[scale > 0] / scale[scale > 0, None]).T)[0]
+    return [x - (x @ Q) @ Q.T for x in series]
 
 
 def stacked(judge: Search, fit: Fit) -> list[Vector]:

@@ -35,12 +35,15 @@ class Study:
         What is concealed.
     words : callable
         The arguments of trial `index`.
+    least : float
+        Visibility that is asked for.
     """
 
     share: float
     most: int
     text: str
     words: Callable[[int], str]
+    least: float = 0.0
 
 
 def _bits(index: int) -> str:
@@ -71,24 +74,24 @@ def _several(index: int) -> str:
 
 STUDIES = {
     "clean": Study(0.36, 1200, "nothing", lambda k: f"--count 0 {_bits(k)}"),
-    "plain": Study(0.14, 500, "one effect at plain size", lambda k: f"--count 1 --at-least {PLAIN} {_bits(k)}"),
+    "plain": Study(0.14, 500, "one effect at plain size", lambda k: f"--count 1 {_bits(k)}", PLAIN),
     "quarter": Study(
         0.08,
         400,
         "one effect at a quarter of that size",
-        lambda k: f"--count 1 --size quarter --at-least {PLAIN / 4} {_bits(k)}",
+        lambda k: f"--count 1 --size quarter {_bits(k)}",
+        PLAIN / 4,
     ),
     "ladder": Study(0.20, 100 * len(LADDER), "each effect at visibilities up to 80", _ladder),
-    "two": Study(0.06, 250, "two effects at plain size", lambda k: f"--count 2 --at-least {PLAIN} {_bits(k)}"),
-    "three": Study(0.04, 150, "three effects at plain size", lambda k: f"--count 3 --at-least {PLAIN} {_bits(k)}"),
-    "strange": Study(
-        0.08, 400, "a law that no catalogue has", lambda k: f"--count 1 --strange --at-least {PLAIN} {_bits(k)}"
-    ),
+    "two": Study(0.06, 250, "two effects at plain size", lambda k: f"--count 2 {_bits(k)}", PLAIN),
+    "three": Study(0.04, 150, "three effects at plain size", lambda k: f"--count 3 {_bits(k)}", PLAIN),
+    "strange": Study(0.08, 400, "a law that no catalogue has", lambda k: f"--count 1 --strange {_bits(k)}", PLAIN),
     "mujoco": Study(
         0.02,
         150,
         "nothing or one effect, moved by MuJoCo",
-        lambda k: f"--plant mujoco --count {min(k % 3, 1)} --at-least {PLAIN} {_bits(k)}",
+        lambda k: f"--plant mujoco --count {min(k % 3, 1)} {_bits(k)}",
+        PLAIN,
     ),
     "several": Study(0.02, 150, "nothing or one effect, in recordings under different conditions", _several),
 }
@@ -96,7 +99,8 @@ STUDIES = {
 
 def trial_words(study: str, index: int) -> str:
     """Give the arguments of `blind_trial.py` of a trial."""
-    return STUDIES[study].words(index)
+    its = STUDIES[study]
+    return its.words(index) + (f" --at-least {its.least}" if its.least else "")
 
 
 @dataclass(frozen=True)

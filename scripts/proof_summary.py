@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from proof_studies import STUDIES, trial_words
+from proof_studies import STUDIES
 from scipy.stats import beta, norm
 
 from cdm_pin.plant.oracle import SURE
@@ -70,8 +70,7 @@ def faint(row: Row) -> bool:
 
     What lies in the span of the masses is never visible, and concealed nevertheless.
     """
-    words = trial_words(row["study"], int(row["index"])).split()
-    least = float(words[words.index("--at-least") + 1]) if "--at-least" in words else 0.0
+    least = STUDIES[row["study"]].least
     shown = zip(listed(row, "effects"), row["places"].split(";"), numbers(row, "visibility"), strict=False)
     return any(x < least and not _in_span(row, effect, place) for effect, place, x in shown)
 
