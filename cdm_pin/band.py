@@ -95,9 +95,9 @@ def light(cutoff: float, rate: float) -> float:
     return min(4.0 * cutoff, 0.45 * rate)
 
 
-def make_band(rate: float, cutoff: float) -> Band:
-    """Design the common filter: flat to `cutoff`, decimated so that little lies above it."""
-    step = max(1, int(rate / (2.6 * cutoff)))
+def make_band(rate: float, cutoff: float, step: int | None = None) -> Band:
+    """Design the common filter: flat to `cutoff`, decimated so that little lies above it, or by a given `step`."""
+    step = step or max(1, int(rate / (2.6 * cutoff)))
     if step == 1 and cutoff >= 0.38 * rate:
         return Band(rate, 0.5 * rate, 1, np.ones(1))
     nyquist = 0.5 * rate / step

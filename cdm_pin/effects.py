@@ -954,7 +954,8 @@ def _backlash(motion: Motion, place: Place, shape: Shape) -> Columns:
     along = model.joints_per_travel(i)
     d, *rates = (x[:, None] * along for x in side)
     felt = motion.midway.torque_change(d, (rates[0], rates[1]))
-    parts = [felt, np.outer(side[2], -rotor)] if rotor.any() else [felt]
+    leap = side[2] if motion.changes_sides(i) else np.zeros(motion.n)  # else what is left of it could be anything
+    parts = [felt, np.outer(leap, -rotor)] if rotor.any() else [felt]
     return Columns(np.asarray(np.stack(parts, axis=-1), float))
 
 

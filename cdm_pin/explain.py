@@ -48,6 +48,8 @@ UNLIKELIER = "transmission_ratio_error"
 """Less likely than what is as simple and explains as much: radii of pulleys are known better than gains of torques."""
 MAPS = ("transmission_ratio_error", "pulley_eccentricity")
 """Errors of the cable map."""
+POSTURE = ("encoder_offset", "base_tilt")
+"""What moves links to where no encoder says they are, at rest already."""
 WANDERS = "unnamed_time"
 """What the columns of drifting zeros say already, where there are any."""
 ABOUT = 0.02
@@ -1012,8 +1014,10 @@ def _leaders(
     """Best shape of each effect and place, the likeliest first: (candidate, score, weight).
 
     Of those that would stand `instead` of effects whose torque they contain, none: it would come back by the back door.
+    Nor a play that never changes sides: it is an offset, as which it is named, unless it stands instead of several.
     """
     loads = any(c.loads for c in instead)
+    several = len(instead) > 1 and all(c.effect.name in POSTURE for c in instead)
     best: dict[tuple[str, str], tuple[float, int, Score]] = {}
     pool = [p for p, own in ((bank.laws, True), (bank.corrections, False)) if named in (own, None)]
     candidates = [c for part in pool for c in part.candidates]
@@ -1024,7 +1028,7 @@ def _leaders(
             continue
         if loads and candidate.effect.follows:
             continue
-        if candidate.effect.name == "backlash" and not search.is_crossed(candidate):
+        if candidate.effect.name == "backlash" and not (several or search.is_crossed(candidate)):
             continue
         value = gain(search, fit, candidate, score)
         if np.isfinite(value) and (candidate.key not in best or value > best[candidate.key][0]):

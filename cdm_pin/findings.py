@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from .effects import CATALOGUE, SWUNG, Candidate, Columns, Effect, coupled_alike, parallel, twin_places
-from .explain import Explanation, Found, evidence
+from .explain import POSTURE, Explanation, Found, evidence
 from .geometry import Vector
 from .model import CableModel
 from .motion import Motion
@@ -199,8 +199,6 @@ def parameters(candidate: Candidate, beta: Vector, covariance: Vector) -> dict[s
 
 STILL_DRY = ("coulomb_friction", "cable_friction", "capstan_friction")
 """What is the same dry friction, on this arm and at one pretension."""
-POSTURE = ("encoder_offset", "base_tilt")
-"""What moves links to where no encoder says they are, at rest already."""
 EQUAL = 0.9999
 """Canonical correlation of dry friction with what is dry friction on these data."""
 ROUNDED = ("encoder_offset", "backlash")
@@ -211,7 +209,7 @@ HIDDEN = 0.3
 """Share that is left over of an effect of which it is said what takes the rest."""
 TRIFLE = 0.05
 """Share of a law's torque by which a more general law has to differ to be another one."""
-UNSEEN = 1.0
+UNSEEN = 4.0
 """Whitened sum of squares of a difference that no data show."""
 LEAST = 0.002
 """Relative accuracy beyond which no parameter is known."""
@@ -347,9 +345,9 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
 def is_plainer(search: Search, without: Fit, own: Candidate, rival: Candidate) -> bool:
     """Whether an effect is a rival's special case, and what the rival has beyond it can be no more than a trifle.
 
-    As a friction whose two directions differ by a per cent is dry friction.
+    As a friction whose two directions differ by a per cent is dry friction; it has more coefficients, therefore.
     """
-    if own.location != rival.location:
+    if own.location != rival.location or search.size(rival) <= search.size(own):
         return False
     scores = [search.score(without, candidate) for candidate in (own, rival)]
     ours, theirs = (search.white(without.whitener, search.columns(candidate)) for candidate in (own, rival))

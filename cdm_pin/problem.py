@@ -506,9 +506,15 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
 
 
 def _thinned(band: Band) -> Band:
-    """Give the band for what comes in at as many samples as the laws of effects need."""
-    every = int(1.02 * band.rate / ENOUGH)  # clocks are a little slow
-    return band if every < 2 else replace(make_band(band.rate / every, band.cutoff), slow=band.slow)
+    """Give the band for what comes in at as many samples as the laws of effects need; about as many are kept of them.
+
+    Of the ways to thin within a factor of two, that is taken which least changes how many samples are kept.
+    """
+    most = int(1.02 * band.rate / ENOUGH)  # clocks are a little slow
+    if most < 2:
+        return band
+    every = min(range(most, most // 2, -1), key=lambda k: band.step % k)
+    return replace(make_band(band.rate / every, band.cutoff, max(band.step // every, 1)), slow=band.slow)
 
 
 def _thinned_run(run: Run, band: Band) -> Run:
