@@ -47,12 +47,12 @@ from .unexplained import (
     beyond_floor,
     beyond_training,
     is_far,
+    moving_torque,
     nameless,
     noise_floor,
     of_no_size,
     ringing_torque,
     swinging_torque,
-    wandering_torque,
     wandering_travel,
 )
 from .units import motor_units, unit_at
@@ -454,7 +454,8 @@ def _reconsidered(judge: Search, explanation: Explanation) -> Explanation:
     """Let the unseen recordings choose between laws that the others hardly tell apart.
 
     A named law takes the place of another one where the evidence of all recordings is clearly for it, and that of a
-    correction without a name where it is no less simple and does better on the unseen ones.
+    correction without a name where it does better on the unseen ones. It may be finer than another law, but no friction
+    that refines dry friction: what the sign of a velocity is off by is off in all recordings.
     """
     search, whitener = explanation.search, explanation.fit.whitener
     for j, found in enumerate(explanation.found):
@@ -462,7 +463,8 @@ def _reconsidered(judge: Search, explanation: Explanation) -> Explanation:
             continue
         size = _physics(search, found.candidate)
         near = [(c, d) for c, d in found.rivals if c.named and d > -15.0 - 0.02 * found.score.statistic]
-        near = [(c, d) for c, d in near if found.candidate.named or _physics(search, c) <= size][:3]
+        finer = [c for c, _ in near if found.candidate.named and c.effect.name not in REFINING]
+        near = [(c, d) for c, d in near if c in finer or _physics(search, c) <= size][:3]
         others = [f.candidate for i, f in enumerate(explanation.found) if i != j]
         if not near:
             continue
@@ -643,9 +645,7 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
             stated = {j: stated[j] for j in sure}
         if explanation.everywhere:
             unexplained = nameless(explanation) or unexplained
-        if unexplained is None and (wanders := wandering_torque(search, fit)) is not None:
-            unexplained = swinging_torque(search) or wanders  # what swings above the band may leak into it
-        unexplained = unexplained or wandering_travel(search, fit)
+        unexplained = unexplained or moving_torque(search, fit) or wandering_travel(search, fit)
         if unexplained is None:
             unexplained = ringing_torque(search, fit) or (judge and beyond_training(search, judge, fit))
             if unexplained is not None:

@@ -241,6 +241,12 @@ def wandering_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     return None if np.all(size < least) else _torque_that("wanders slowly with time", slow, problem.model)
 
 
+def moving_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
+    """Say where a torque moves by itself: that wanders slowly, or swings above the band, and leaks into it."""
+    wanders = wandering_torque(search, fit)
+    return None if wanders is None else swinging_torque(search) or wanders
+
+
 def wandering_travel(search: Search, fit: Fit) -> dict[str, Any] | None:
     """Say which cable's travel moves by itself, slowly or in leaps, far beyond the encoders' steps; None where none.
 

@@ -8,7 +8,7 @@ import pytest
 from trials import loaded_trial
 
 from cdm_pin import diagnose as diagnosis
-from cdm_pin import explain
+from cdm_pin import explain, unexplained
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.diagnose import diagnose
 from cdm_pin.dynamics import inverse_dynamics
@@ -22,8 +22,9 @@ from cdm_pin.effects import (
     joint_places,
     pair_places,
 )
-from cdm_pin.findings import absorbed, is_above_steps, is_known, with_law_errors
+from cdm_pin.findings import absorbed, is_above_steps, is_known, is_plainer, with_law_errors
 from cdm_pin.model import load_model
+from cdm_pin.patches import PATCHES
 from cdm_pin.problem import Problem, make_problem
 from cdm_pin.recording import Recording
 from cdm_pin.robust import around, bursts, robust_score
@@ -571,6 +572,48 @@ def test_the_unseen_recordings_choose_between_laws(monkeypatch, unseen):
     given = SimpleNamespace(search=search, found=(found,), fit=SimpleNamespace(whitener=None), bank=None)
     chosen = diagnosis._reconsidered(judge, given)
     assert chosen == [play] if unseen < 100.0 else chosen is given
+
+
+@pytest.mark.parametrize(("named", "difference"), [(True, -9.0), (True, -60.0), (False, -9.0)])
+def test_the_unseen_recordings_may_choose_a_finer_law(monkeypatch, named, difference):
+    """An eccentric pulley has a phase more than a torque's offset: both recordings together have to ask for it.
+
+    In the place of what has no name comes nothing finer.
+    """
+    model = load_model("urdf/cdm2.yaml")
+    offset, pulley = (
+        Candidate(e, e.places(model)[0]) for e in map(CATALOGUE.get, ("torque_offset", "pulley_eccentricity"))
+    )
+    offset = offset if named else replace(offset, effect=PATCHES["unnamed_time"])
+    search = SimpleNamespace(size=lambda c: 1 + (c is pulley), fit=lambda effects, whitener: effects)
+    judge = SimpleNamespace(body=lambda whitener: SimpleNamespace(data=np.zeros(1000)))
+    monkeypatch.setattr(diagnosis, "deviance_unseen", lambda judge, effects: 950.0 if pulley in effects else 1000.0)
+    monkeypatch.setattr(diagnosis, "explained", lambda search, bank, effects: effects)
+    monkeypatch.setattr(diagnosis, "ONCE", ())
+    found = explain.Found(offset, Score(500.0, 1, np.ones(1), 1.0, 1.0), 240.0, -200.0, ((pulley, difference),))
+    given = SimpleNamespace(search=search, found=(found,), fit=SimpleNamespace(whitener=None), bank=None)
+    chosen = diagnosis._reconsidered(judge, given)
+    assert chosen == [pulley] if named and difference > -15.0 else chosen is given
+
+
+def test_a_law_as_simple_as_another_is_no_refinement_of_it():
+    places = joint_places(load_model("urdf/cdm2.yaml"))
+    dry, loaded = (
+        Candidate(CATALOGUE[f"{kind}_friction"], places[1], (0.01,)) for kind in ("coulomb", "load_dependent")
+    )
+    assert not is_plainer(SimpleNamespace(size=lambda c: 1), SimpleNamespace(), dry, loaded)
+
+
+def test_what_swings_above_the_band_is_no_wander(monkeypatch):
+    """It leaks into the band; where nothing swings, a wander is one, and where nothing wanders, nothing is asked."""
+    told = {"wandering_torque": "wanders", "swinging_torque": "swings"}
+    for name in told:
+        monkeypatch.setattr(unexplained, name, lambda *_, name=name: told[name])
+    assert unexplained.moving_torque(None, None) == "swings"
+    told["swinging_torque"] = None
+    assert unexplained.moving_torque(None, None) == "wanders"
+    told |= {"wandering_torque": None, "swinging_torque": "swings"}
+    assert unexplained.moving_torque(None, None) is None
 
 
 def test_a_narrow_peak_of_static_friction_is_hardly_known():

@@ -7,6 +7,7 @@ from trials import loaded_trial
 
 from cdm_pin.diagnose import _helps, diagnose
 from cdm_pin.effects import CATALOGUE, Candidate, loaded, passed
+from cdm_pin.explain import POSTURE, _leaders
 from cdm_pin.motion import Felt, crossing, leaping
 from cdm_pin.problem import make_problem
 from cdm_pin.swing import _rattle, oscillate, swung
@@ -206,9 +207,16 @@ def test_play_that_is_never_crossed_is_an_offset(tmp_path):
     """Under a load of one sign a gap only shifts the joint, as a tilted base nearly does; it is not called play."""
     model, runs, unseen, truth = loaded_trial(tmp_path, 8809, effects=1, positions="motor", at_least=50.0)
     assert truth["effects"][0]["effect"] == "base_tilt"
-    (finding,) = diagnose(model, runs, unseen).content["findings"]
+    told = diagnose(model, runs, unseen)
+    (finding,) = told.content["findings"]
     listed = [finding["effect"], *(rival["effect"] for rival in finding["indistinguishable_from"])]
     assert "base_tilt" in listed and finding["effect"] != "backlash"
+    search, bank = told.explanation.search, told.explanation.bank
+    offsets = [c for c in bank.laws.candidates if c.name in POSTURE][:2]
+    assert not any(search.is_crossed(c) for c in bank.laws.candidates if c.name == "backlash")
+    for instead, stands in ((offsets[:1], False), (offsets, True)):  # one play in the place of several offsets
+        leaders = _leaders(search, search.fit([]), bank, 99, [], instead=instead)
+        assert any(c.name == "backlash" for c, _, _ in leaders) == stands
 
 
 def flights(rate=200.0, half=0.01, stiffness=1500.0):
