@@ -71,6 +71,8 @@ AGREEMENT = 0.3
 """Of many effects, what the unseen recordings make of one alone has to be like it by so much for it to be listed."""
 CARRIED = 0.1
 """Share of the squared error on unseen recordings that a finding beyond doubt leaves."""
+CLOSE = 2.0
+"""Whitened sum of squares on unseen recordings, per sample, up to which a finer law may be told by them."""
 BLIND = 3.0
 """Whitened sum of squares of a finding on unseen recordings that cannot show it."""
 SURE = 15.0
@@ -454,8 +456,8 @@ def _reconsidered(judge: Search, explanation: Explanation) -> Explanation:
     """Let the unseen recordings choose between laws that the others hardly tell apart.
 
     A named law takes the place of another one where the evidence of all recordings is clearly for it, and that of a
-    correction without a name where it does better on the unseen ones. It may be finer than another law, but no friction
-    that refines dry friction: what the sign of a velocity is off by is off in all recordings.
+    correction without a name where it does better on the unseen ones. It may be finer than another law if that leaves
+    little but noise, but no friction that refines dry friction: what the laws are off by is off in all recordings.
     """
     search, whitener = explanation.search, explanation.fit.whitener
     for j, found in enumerate(explanation.found):
@@ -463,12 +465,13 @@ def _reconsidered(judge: Search, explanation: Explanation) -> Explanation:
             continue
         size = _physics(search, found.candidate)
         near = [(c, d) for c, d in found.rivals if c.named and d > -15.0 - 0.02 * found.score.statistic]
-        finer = [c for c, _ in near if found.candidate.named and c.effect.name not in REFINING]
-        near = [(c, d) for c, d in near if c in finer or _physics(search, c) <= size][:3]
         others = [f.candidate for i, f in enumerate(explanation.found) if i != j]
         if not near:
             continue
         own = deviance_unseen(judge, search.fit([*others, found.candidate], whitener))
+        told = found.candidate.named and own < CLOSE * judge.body(whitener).data.size
+        finer = [c for c, _ in near if told and c.effect.name not in REFINING]
+        near = [(c, d) for c, d in near if c in finer or _physics(search, c) <= size][:3]
         for rival, difference in near:
             other = deviance_unseen(judge, search.fit([*others, rival], whitener))
             scale = max(min(own, other) / max(judge.body(whitener).data.size, 1), 1.0)

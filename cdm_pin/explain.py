@@ -1014,10 +1014,11 @@ def _leaders(
     """Best shape of each effect and place, the likeliest first: (candidate, score, weight).
 
     Of those that would stand `instead` of effects whose torque they contain, none: it would come back by the back door.
-    Nor a play that never changes sides: it is an offset, as which it is named, unless it stands instead of several.
+    Nor a play that never changes sides: it is an offset, as which it is named, unless it stands instead of several of
+    which no encoders on both sides tell each.
     """
     loads = any(c.loads for c in instead)
-    several = len(instead) > 1 and all(c.effect.name in POSTURE for c in instead)
+    several = len(instead) > 1 and not search.problem.kinematic and all(c.effect.name in POSTURE for c in instead)
     best: dict[tuple[str, str], tuple[float, int, Score]] = {}
     pool = [p for p, own in ((bank.laws, True), (bank.corrections, False)) if named in (own, None)]
     candidates = [c for part in pool for c in part.candidates]
