@@ -456,8 +456,9 @@ def _reconsidered(judge: Search, explanation: Explanation) -> Explanation:
     """Let the unseen recordings choose between laws that the others hardly tell apart.
 
     A named law takes the place of another one where the evidence of all recordings is clearly for it, and that of a
-    correction without a name where it does better on the unseen ones. It may be finer than another law if that leaves
-    little but noise, but no friction that refines dry friction: what the laws are off by is off in all recordings.
+    correction without a name where it does better on the unseen ones. It may be finer than another law of
+    torques if that leaves little but noise, but no friction that refines dry friction: what the laws are off by is off
+    in all recordings.
     """
     search, whitener = explanation.search, explanation.fit.whitener
     for j, found in enumerate(explanation.found):
@@ -469,7 +470,7 @@ def _reconsidered(judge: Search, explanation: Explanation) -> Explanation:
         if not near:
             continue
         own = deviance_unseen(judge, search.fit([*others, found.candidate], whitener))
-        told = found.candidate.named and own < CLOSE * judge.body(whitener).data.size
+        told = found.candidate.named and search.problem.torque and own < CLOSE * judge.body(whitener).data.size
         finer = [c for c, _ in near if told and c.effect.name not in REFINING]
         near = [(c, d) for c, d in near if c in finer or _physics(search, c) <= size][:3]
         for rival, difference in near:

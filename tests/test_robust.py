@@ -564,7 +564,9 @@ def test_the_unseen_recordings_choose_between_laws(monkeypatch, unseen):
         Candidate(effect, effect.places(model)[1], shape)
         for effect, shape in ((CATALOGUE["encoder_offset"], ()), (CATALOGUE["backlash"], (0.1,)))
     )
-    search = SimpleNamespace(size=lambda c: 1 + len(c.shape), fit=lambda effects, whitener: effects)
+    search = SimpleNamespace(
+        problem=SimpleNamespace(torque=True), size=lambda c: 1 + len(c.shape), fit=lambda effects, whitener: effects
+    )
     judge = SimpleNamespace(body=lambda whitener: SimpleNamespace(data=np.zeros(100)))
     monkeypatch.setattr(diagnosis, "deviance_unseen", lambda judge, effects: unseen if play in effects else 1000.0)
     monkeypatch.setattr(diagnosis, "explained", lambda search, bank, effects: effects)
@@ -585,7 +587,9 @@ def test_the_unseen_recordings_may_choose_a_finer_law(monkeypatch, named, differ
         Candidate(e, e.places(model)[0]) for e in map(CATALOGUE.get, ("torque_offset", "pulley_eccentricity"))
     )
     offset = offset if named else replace(offset, effect=PATCHES["unnamed_time"])
-    search = SimpleNamespace(size=lambda c: 1 + (c is pulley), fit=lambda effects, whitener: effects)
+    search = SimpleNamespace(
+        problem=SimpleNamespace(torque=True), size=lambda c: 1 + (c is pulley), fit=lambda effects, whitener: effects
+    )
     judge = SimpleNamespace(body=lambda whitener: SimpleNamespace(data=np.zeros(1000)))
     monkeypatch.setattr(diagnosis, "deviance_unseen", lambda judge, effects: 950.0 if pulley in effects else 1000.0)
     monkeypatch.setattr(diagnosis, "explained", lambda search, bank, effects: effects)
