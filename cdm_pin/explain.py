@@ -204,7 +204,8 @@ def explain(
     left = unnamed(search, search.renewed(bank), kept) if len(kept) < len(accepted) else None
     search, accepted = settled(search, kept if left is None else [*kept, left])  # two may have hidden each other
     if accepted and all(c.named for c in accepted):  # or an estimate have hid one
-        there, _, more = _grow(search, search.renewed(bank), accepted, say)
+        bank = search.renewed(bank)
+        there, _, more = _grow(search, bank, accepted, say)
         if len(more) > len(accepted):
             search, accepted = settled(there, prune(there, more))
     search, accepted = _unpatched(search, bank, accepted)
@@ -555,7 +556,7 @@ def next_law(search: Search, bank: Bank, accepted: list[Candidate], withdrawn: S
 def explained(search: Search, bank: Bank, accepted: list[Candidate]) -> Explanation:
     """Fit a set of effects and set each against its rivals."""
     search = tied(search, accepted)
-    bank = search.renewed(bank) if search.problem.posture != bank.posture else bank
+    bank = search.renewed(bank) if search.problem.posture != bank.problem.posture else bank
     fit = search.fit(accepted)
     rigid = search.fit([], fit.whitener)
     found = tuple(_compare(search, bank, accepted, j) for j in range(len(accepted)))

@@ -11,78 +11,99 @@ import numpy as np
 
 
 @numba.njit(cache=True, inline="always")
-def _cross(x, y, out):
-    out[0] = x[1] * y[2] - x[2] * y[1]
-    out[1] = x[2] * y[0] - x[0] * y[2]
-    out[2] = x[0] * y[1] - x[1] * y[0]
+def _cross(x, y):
+    return x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
 
 
-@numba.njit(cache=True)
-def _rotation(axis, angle, R):
+@numba.njit(cache=True, inline="always")
+def _dot(x, y):
+    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
+
+
+@numba.njit(cache=True, inline="always")
+def _sum(x, y):
+    return x[0] + y[0], x[1] + y[1], x[2] + y[2]
+
+
+@numba.njit(cache=True, inline="always")
+def _times(c, x):
+    return c * x[0], c * x[1], c * x[2]
+
+
+@numba.njit(cache=True, inline="always")
+def _row(X, k):
+    return X[k, 0], X[k, 1], X[k, 2]
+
+
+@numba.njit(cache=True, inline="always")
+def _put(X, k, x):
+    X[k, 0], X[k, 1], X[k, 2] = x
+
+
+@numba.njit(cache=True, inline="always")
+def _to_parent(R, k, x):
+    """R[k] x"""
+    return (
+        R[k, 0, 0] * x[0] + R[k, 0, 1] * x[1] + R[k, 0, 2] * x[2],
+        R[k, 1, 0] * x[0] + R[k, 1, 1] * x[1] + R[k, 1, 2] * x[2],
+        R[k, 2, 0] * x[0] + R[k, 2, 1] * x[1] + R[k, 2, 2] * x[2],
+    )
+
+
+@numba.njit(cache=True, inline="always")
+def _to_body(R, k, x):
+    """R[k]' x"""
+    return (
+        R[k, 0, 0] * x[0] + R[k, 1, 0] * x[1] + R[k, 2, 0] * x[2],
+        R[k, 0, 1] * x[0] + R[k, 1, 1] * x[1] + R[k, 2, 1] * x[2],
+        R[k, 0, 2] * x[0] + R[k, 1, 2] * x[1] + R[k, 2, 2] * x[2],
+    )
+
+
+@numba.njit(cache=True, inline="always")
+def _axes_turned(z, angle):
+    """Where a turn about a unit vector takes the three axes: the columns of its rotation."""
     c, s = np.cos(angle), np.sin(angle)
-    x, y, z = axis[0], axis[1], axis[2]
-    R[0, 0] = c + x * x * (1 - c)
-    R[0, 1] = x * y * (1 - c) - z * s
-    R[0, 2] = x * z * (1 - c) + y * s
-    R[1, 0] = y * x * (1 - c) + z * s
-    R[1, 1] = c + y * y * (1 - c)
-    R[1, 2] = y * z * (1 - c) - x * s
-    R[2, 0] = z * x * (1 - c) - y * s
-    R[2, 1] = z * y * (1 - c) + x * s
-    R[2, 2] = c + z * z * (1 - c)
+    u = 1 - c
+    return (
+        (c + z[0] * z[0] * u, z[0] * z[1] * u + z[2] * s, z[0] * z[2] * u - z[1] * s),
+        (z[0] * z[1] * u - z[2] * s, c + z[1] * z[1] * u, z[1] * z[2] * u + z[0] * s),
+        (z[0] * z[2] * u + z[1] * s, z[1] * z[2] * u - z[0] * s, c + z[2] * z[2] * u),
+    )
 
 
 @numba.njit(cache=True)
-def _motion(order, parent, rotation, translation, axis, prismatic, gravity, q, v, a, R, p, w, dw, dv):
+def _motion(s, order, parent, rotation, translation, axis, prismatic, gravity, q, v, a, R, p, w, dw, dv):
     """Advance pose in parent (R, p), angular velocity w, angular and linear acceleration dw, dv from base to tip."""
-    spin = np.empty((3, 3))
-    wp, dwp, dvp = np.empty(3), np.empty(3), np.empty(3)
-    t1, t2, t3 = np.empty(3), np.empty(3), np.empty(3)
     for k in order:
+        z, at, up = _row(axis, k), _row(translation, k), parent[k]
         if prismatic[k]:
-            R[k] = rotation[k]
             for i in range(3):
-                p[k, i] = translation[k, i]
                 for j in range(3):
-                    p[k, i] += rotation[k, i, j] * axis[k, j] * q[k]
+                    R[k, i, j] = rotation[k, i, j]
+            at = _sum(at, _to_parent(rotation, k, _times(q[s, k], z)))
         else:
-            _rotation(axis[k], q[k], spin)
-            for i in range(3):
-                p[k, i] = translation[k, i]
-                for j in range(3):
-                    R[k, i, j] = 0.0
-                    for m in range(3):
-                        R[k, i, j] += rotation[k, i, m] * spin[m, j]
-        if parent[k] < 0:
-            wp[:] = 0.0
-            dwp[:] = 0.0
-            dvp[:] = -gravity
+            x_axis, y_axis, z_axis = _axes_turned(z, q[s, k])
+            R[k, 0, 0], R[k, 1, 0], R[k, 2, 0] = _to_parent(rotation, k, x_axis)
+            R[k, 0, 1], R[k, 1, 1], R[k, 2, 1] = _to_parent(rotation, k, y_axis)
+            R[k, 0, 2], R[k, 1, 2], R[k, 2, 2] = _to_parent(rotation, k, z_axis)
+        if up < 0:
+            spin, spun, moved = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (-gravity[0], -gravity[1], -gravity[2])
         else:
-            wp[:] = w[parent[k]]
-            dwp[:] = dw[parent[k]]
-            dvp[:] = dv[parent[k]]
+            spin, spun, moved = _row(w, up), _row(dw, up), _row(dv, up)
         # acceleration of the joint's origin, still in the parent's frame
-        _cross(dwp, p[k], t1)
-        _cross(wp, p[k], t2)
-        _cross(wp, t2, t3)
-        for i in range(3):
-            t1[i] += t3[i] + dvp[i]
-        for i in range(3):
-            w[k, i] = 0.0
-            dw[k, i] = 0.0
-            dv[k, i] = 0.0
-            for j in range(3):
-                w[k, i] += R[k, j, i] * wp[j]
-                dw[k, i] += R[k, j, i] * dwp[j]
-                dv[k, i] += R[k, j, i] * t1[j]
-        _cross(w[k], axis[k], t2)
+        moved = _sum(moved, _sum(_cross(spun, at), _cross(spin, _cross(spin, at))))
+        spin, spun, moved = _to_body(R, k, spin), _to_body(R, k, spun), _to_body(R, k, moved)
+        across = _cross(spin, z)
         if prismatic[k]:
-            for i in range(3):
-                dv[k, i] += axis[k, i] * a[k] + 2.0 * v[k] * t2[i]
+            moved = _sum(moved, _sum(_times(a[s, k], z), _times(2.0 * v[s, k], across)))
         else:
-            for i in range(3):
-                dw[k, i] += axis[k, i] * a[k] + v[k] * t2[i]
-                w[k, i] += axis[k, i] * v[k]
+            spun = _sum(spun, _sum(_times(a[s, k], z), _times(v[s, k], across)))
+            spin = _sum(spin, _times(v[s, k], z))
+        _put(p, k, at)
+        _put(w, k, spin)
+        _put(dw, k, spun)
+        _put(dv, k, moved)
 
 
 @numba.njit(cache=True)
@@ -93,44 +114,31 @@ def rnea(order, parent, rotation, translation, axis, prismatic, gravity, pi_std,
     wrench = np.empty((n_samples, n, 6))
     R, p = np.empty((n, 3, 3)), np.empty((n, 3))
     w, dw, dv = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
-    f, m = np.empty((n, 3)), np.empty((n, 3))
-    t1, t2, t3 = np.empty(3), np.empty(3), np.empty(3)
-    I = np.empty((3, 3))
+    force, moment = np.empty((n, 3)), np.empty((n, 3))
     for s in range(n_samples):
-        _motion(order, parent, rotation, translation, axis, prismatic, gravity, q[s], v[s], a[s], R, p, w, dw, dv)
+        _motion(s, order, parent, rotation, translation, axis, prismatic, gravity, q, v, a, R, p, w, dw, dv)
         for k in range(n):
-            mass, h = pi_std[10 * k], pi_std[10 * k + 1 : 10 * k + 4]
-            xx, xy, yy, xz, yz, zz = pi_std[10 * k + 4 : 10 * k + 10]
-            I[0, 0], I[0, 1], I[0, 2] = xx, xy, xz
-            I[1, 0], I[1, 1], I[1, 2] = xy, yy, yz
-            I[2, 0], I[2, 1], I[2, 2] = xz, yz, zz
-            _cross(dw[k], h, t1)
-            _cross(w[k], h, t2)
-            _cross(w[k], t2, t3)
-            for i in range(3):
-                f[k, i] = mass * dv[k, i] + t1[i] + t3[i]
-                t1[i] = I[i, 0] * dw[k, 0] + I[i, 1] * dw[k, 1] + I[i, 2] * dw[k, 2]
-                t2[i] = I[i, 0] * w[k, 0] + I[i, 1] * w[k, 1] + I[i, 2] * w[k, 2]
-            _cross(w[k], t2, t3)
-            _cross(h, dv[k], t2)
-            for i in range(3):
-                m[k, i] = t1[i] + t3[i] + t2[i]
+            spin, spun, moved = _row(w, k), _row(dw, k), _row(dv, k)
+            mass, h = pi_std[10 * k], (pi_std[10 * k + 1], pi_std[10 * k + 2], pi_std[10 * k + 3])
+            xx, xy, yy = pi_std[10 * k + 4], pi_std[10 * k + 5], pi_std[10 * k + 6]
+            xz, yz, zz = pi_std[10 * k + 7], pi_std[10 * k + 8], pi_std[10 * k + 9]
+            x_row, y_row, z_row = (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
+            rate = (_dot(x_row, spun), _dot(y_row, spun), _dot(z_row, spun))
+            momentum = (_dot(x_row, spin), _dot(y_row, spin), _dot(z_row, spin))
+            # f = m dv + dw x h + w x (w x h);  n = I dw + w x I w + h x dv
+            _put(force, k, _sum(_times(mass, moved), _sum(_cross(spun, h), _cross(spin, _cross(spin, h)))))
+            _put(moment, k, _sum(_sum(rate, _cross(spin, momentum)), _cross(h, moved)))
         for j in range(n - 1, -1, -1):
             k = order[j]
-            wrench[s, k, :3] = f[k]
-            wrench[s, k, 3:] = m[k]
-            up = parent[k]
+            up, f, m = parent[k], _row(force, k), _row(moment, k)
             if up >= 0:
-                for i in range(3):
-                    t1[i] = R[k, i, 0] * f[k, 0] + R[k, i, 1] * f[k, 1] + R[k, i, 2] * f[k, 2]
-                    t2[i] = R[k, i, 0] * m[k, 0] + R[k, i, 1] * m[k, 1] + R[k, i, 2] * m[k, 2]
-                _cross(p[k], t1, t3)
-                for i in range(3):
-                    f[up, i] += t1[i]
-                    m[up, i] += t2[i] + t3[i]
-            tau[s, k] = 0.0
-            for i in range(3):
-                tau[s, k] += axis[k, i] * (f[k, i] if prismatic[k] else m[k, i])
+                f_up = _to_parent(R, k, f)
+                m_up = _sum(_to_parent(R, k, m), _cross(_row(p, k), f_up))
+                _put(force, up, _sum(_row(force, up), f_up))
+                _put(moment, up, _sum(_row(moment, up), m_up))
+            tau[s, k] = _dot(_row(axis, k), f if prismatic[k] else m)
+            wrench[s, k, 0], wrench[s, k, 1], wrench[s, k, 2] = f
+            wrench[s, k, 3], wrench[s, k, 4], wrench[s, k, 5] = m
     return tau, wrench
 
 
@@ -175,9 +183,8 @@ def regressor(order, parent, rotation, translation, axis, prismatic, gravity, q,
     w, dw, dv = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
     linear, angular = np.empty((n, n, 3)), np.empty((n, n, 3))  # of joint k, at body b: [b, k]
     F = np.empty((6, 10))
-    t1, t2 = np.empty(3), np.empty(3)
     for s in range(n_samples):
-        _motion(order, parent, rotation, translation, axis, prismatic, gravity, q[s], v[s], a[s], R, p, w, dw, dv)
+        _motion(s, order, parent, rotation, translation, axis, prismatic, gravity, q, v, a, R, p, w, dw, dv)
         for b in order:
             _body_regressor(w[b], dw[b], dv[b], F)
             up = parent[b]
@@ -189,16 +196,9 @@ def regressor(order, parent, rotation, translation, axis, prismatic, gravity, q,
                         l[i] = axis[b, i] if prismatic[b] else 0.0
                         r[i] = 0.0 if prismatic[b] else axis[b, i]
                 else:
-                    _cross(angular[up, k], p[b], t1)
-                    for i in range(3):
-                        t2[i] = linear[up, k, i] + t1[i]
-                    for i in range(3):
-                        l[i] = R[b, 0, i] * t2[0] + R[b, 1, i] * t2[1] + R[b, 2, i] * t2[2]
-                        r[i] = (
-                            R[b, 0, i] * angular[up, k, 0]
-                            + R[b, 1, i] * angular[up, k, 1]
-                            + R[b, 2, i] * angular[up, k, 2]
-                        )
+                    turn = _row(angular[up], k)
+                    _put(angular[b], k, _to_body(R, b, turn))
+                    _put(linear[b], k, _to_body(R, b, _sum(_row(linear[up], k), _cross(turn, _row(p, b)))))
                 row = Y[s, k, 10 * b : 10 * b + 10]
                 for c in range(4):
                     row[c] = l[0] * F[0, c] + l[1] * F[1, c] + l[2] * F[2, c]

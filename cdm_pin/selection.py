@@ -96,15 +96,15 @@ class Bank:
         One per run.
     weight : ndarray, shape (n_candidates,)
         Share of the alarm that each candidate may spend; sums to one.
-    posture : tuple of tuple of int, optional
-        About how far soft cables and errors of the cable map moved the joints (`Problem.posture`).
+    problem : Problem
+        The recordings, about the model and the effects, that they were computed from.
     """
 
     candidates: tuple[Candidate, ...]
     slices: tuple[slice, ...]
     lines: list[Lines]
     weight: Vector
-    posture: tuple[tuple[int, ...], ...] = ((), ())
+    problem: Problem
 
     @cached_property
     def laws(self) -> Bank:
@@ -124,7 +124,7 @@ class Bank:
             tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(first)),
             [lines.part(slices) for lines in self.lines] if own else [],
             self.weight[list(own)],
-            self.posture,
+            self.problem,
         )
 
 
@@ -351,7 +351,9 @@ class Search:
 
     def renewed(self, bank: Bank) -> Bank:
         """Compute those columns of a bank anew that depend on the torques of the body and of other effects."""
-        if self.problem.posture != bank.posture:
+        if self.problem.is_loaded_like(bank.problem):
+            return bank
+        if self.problem.posture != bank.problem.posture:
             return self.bank(bank.candidates)
         follows = [i for i, c in enumerate(bank.candidates) if c.hangs_on_torques]
         new = self.bank([bank.candidates[i] for i in follows])
@@ -367,7 +369,7 @@ class Search:
                     old.n_columns,
                 )
             )
-        return replace(bank, lines=lines) if follows else bank
+        return replace(bank, lines=lines, problem=self.problem)
 
     @cached_property
     def nominal(self) -> list[Vector]:
@@ -1038,7 +1040,7 @@ class Search:
         shapes = Counter(c.key for c in candidates)
         weight = np.array([1 / (len(shapes) * shapes[c.key]) for c in candidates])
         slices = tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(first))
-        return Bank(tuple(candidates), slices, runs, weight, self.problem.posture)
+        return Bank(tuple(candidates), slices, runs, weight, self.problem)
 
     def _white_bank(self, body: Body, whitener: Whitener, bank: Bank) -> WhiteBank:
         known = self._banks.get(whitener, bank)

@@ -26,6 +26,7 @@ from .signals_period import Periods, average_channels, estimate_period
 __all__ = [
     "Check",
     "Clock",
+    "Grid",
     "Periods",
     "Signals",
     "average_periods",
@@ -41,6 +42,7 @@ __all__ = [
     "prepare",
     "quantisation_step",
     "read_clock",
+    "read_grid",
     "resample_uniform",
     "sampling_instants",
     "standstill",
@@ -113,6 +115,61 @@ class Signals:
         return lowpass(x, self.rate, self.cutoff, self.order)
 
 
+@dataclass(frozen=True)
+class Grid:
+    """A recording on one uniform grid, before any filter.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        Seconds, uniform.
+    rate : float
+        Samples per second [Hz].
+    logged : dict of str to ndarray, shape (n, width)
+        The recorded quantities.
+    stamps : ndarray, shape (m,)
+        When the rows were taken that were kept [s].
+    steps : dict of str to ndarray, shape (width,)
+        As in `Signals`.
+    noise : dict of str to ndarray, shape (width,)
+        From the quiet end of the spectra.
+    notices : tuple of str
+        What was found about the clock and done about it.
+    """
+
+    time: np.ndarray
+    rate: float
+    logged: dict[str, np.ndarray]
+    stamps: np.ndarray
+    steps: dict[str, np.ndarray]
+    noise: dict[str, np.ndarray]
+    notices: tuple[str, ...]
+
+
+def read_grid(recording: Recording, model: Robot | None = None, *, repair_clock: bool = True) -> Grid:
+    """Bring a recording onto one uniform grid; see `prepare`.
+
+    Raises
+    ------
+    RecordingError
+        If the recording contradicts itself or the model.
+    """
+    if model is not None:
+        check_widths(recording, model)
+    clock = read_clock(recording, repair=repair_clock)
+    time, rate, logged = _on_grid(recording, clock)
+    steps = logged_steps(recording)
+    notices = [*recording.notices, *clock.notices]
+    stamps = clock.time[clock.keep]
+    if repair_clock:
+        factor = _clock_factor(recording, logged, rate)
+        if factor != 1.0:
+            notices.append(_wrong_rate(rate, factor))
+            time, stamps, rate = time * factor, stamps * factor, rate / factor
+    noise = {name: noise_floor(x, rate, steps=steps[name]) for name, x in logged.items()}
+    return Grid(time, rate, logged, stamps, steps, noise, tuple(notices))
+
+
 def prepare(
     recording: Recording,
     model: Robot | None = None,
@@ -123,6 +180,7 @@ def prepare(
     order: int = 4,
     max_gap: float | None = None,
     repair_clock: bool = True,
+    grid: Grid | None = None,
 ) -> Signals:
     """Resample, filter and differentiate a recording, and say what was found in it.
 
@@ -146,50 +204,43 @@ def prepare(
         at least 2.5 steps.
     repair_clock : bool
         Whether a wrong nominal rate, and stamps that all joints contradict, may be corrected.
+    grid : Grid, optional
+        The recording on its grid, where `read_grid` has brought it there already.
 
     Raises
     ------
     RecordingError
         If the recording contradicts itself (degrees beside radians) or the model.
     """
-    if model is not None:
-        check_widths(recording, model)
-    clock = read_clock(recording, repair=repair_clock)
-    time, own_rate, logged = _on_grid(recording, clock)
-    steps = logged_steps(recording)
-    notices = [*recording.notices, *clock.notices]
-    gaps = clock.time[clock.keep]
-    if repair_clock:
-        factor = _clock_factor(recording, logged, own_rate)
-        if factor != 1.0:
-            notices.append(_wrong_rate(own_rate, factor))
-            time, gaps, own_rate = time * factor, gaps * factor, own_rate / factor
+    grid = grid or read_grid(recording, model, repair_clock=repair_clock)
+    own_rate, logged, notices = grid.rate, grid.logged, list(grid.notices)
     highest = 0.4 * min(own_rate, rate or own_rate)
     cutoff, reason = (cutoff, "as asked for") if cutoff else _common_cutoff(logged, own_rate)
     cutoff = min(cutoff, highest)
     notices.append(f"one zero-phase low-pass of {cutoff:.3g} Hz for everything, {reason}; samples at {own_rate:.4g} Hz")
-    light_cutoff = min(light_cutoff or max(cutoff, _light_cutoff(logged, own_rate, steps)), highest)
+    light_cutoff = min(light_cutoff or max(cutoff, _light_cutoff(logged, own_rate, grid.steps)), highest)
     light = {name: x for name, x in _filtered(logged, own_rate, light_cutoff, order).items() if _is_motion(name)}
+    longest = max_gap or max(2.5 / own_rate, 0.5 / cutoff)
     signals = Signals(
-        time=time,
+        time=grid.time,
         rate=own_rate,
         cutoff=cutoff,
         channels=_filtered(logged, own_rate, cutoff, order),
-        noise={name: noise_floor(x, own_rate, steps=steps[name]) for name, x in logged.items()},
-        valid=_valid(time, gaps, 1.5 / cutoff, max_gap or max(2.5 / own_rate, 0.5 / cutoff), notices),
+        noise=grid.noise,
+        valid=_valid(grid.time, grid.stamps, 1.5 / cutoff, longest, notices),
         recording=recording,
-        floor={name: noise_floor(x, own_rate, cutoff, steps[name]) for name, x in logged.items()},
+        floor={name: noise_floor(x, own_rate, cutoff, grid.steps[name]) for name, x in logged.items()},
         light=light,
         light_cutoff=light_cutoff,
         logged=logged,
         order=order,
-        steps=steps,
+        steps=grid.steps,
     )
     signals = _with_period(signals, notices)
     notices += [f"{c.channel}: {c.message}".removeprefix(": ") for c in check(signals, model)]
-    notices += _said(steps)
+    notices += _said(grid.steps)
     signals = replace(signals, notices=tuple(notices))
-    return signals if rate is None else decimated(signals, rate)
+    return signals if rate is None or rate == own_rate else decimated(signals, rate)
 
 
 def average_periods(signals: Signals, period: float | None = None) -> Periods:

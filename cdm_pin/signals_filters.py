@@ -4,7 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
-from scipy.signal import butter, savgol_filter, sosfiltfilt, stft, welch
+from scipy.ndimage import correlate1d
+from scipy.signal import butter, sosfiltfilt, stft, welch
+from scipy.special import binom
+
+POINTS = 9
+"""Samples of which a derivative is taken."""
+
+
+def _stencils(points: int) -> np.ndarray:
+    """Give what each sample weighs in the derivative, at each of them, of the polynomial through them all.
+
+    Per step between samples, shape (points, points); barycentric formula, whose weights are binomial coefficients.
+    """
+    k = np.arange(points)
+    weight = (-1.0) ** k * binom(points - 1, k)
+    apart = k[:, None] - k + np.eye(points)
+    stencils = weight / weight[:, None] / apart
+    stencils[k, k] = 0.0
+    stencils[k, k] = -stencils.sum(axis=1)
+    return stencils
+
+
+_STENCILS = _stencils(POINTS)
 
 
 def resample_uniform(time: np.ndarray, x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
@@ -99,9 +121,13 @@ def differentiate(x: np.ndarray, rate: float) -> np.ndarray:
     """
     if len(x) < 2:
         return np.zeros_like(x, float)
-    if len(x) < 9:
+    if len(x) < POINTS:
         return np.asarray(np.gradient(x, 1 / rate, axis=0, edge_order=2 if len(x) > 2 else 1))
-    return np.asarray(savgol_filter(x - x[0], 9, 8, deriv=1, delta=1 / rate, axis=0, mode="interp"))
+    x, side, weights = np.asarray(x - x[0], float), POINTS // 2, _STENCILS * rate
+    out = correlate1d(x, weights[side], axis=0)
+    out[:side] = np.tensordot(weights[:side], x[:POINTS], 1)
+    out[-side:] = np.tensordot(weights[-side:], x[-POINTS:], 1)
+    return out
 
 
 def spectrum(x: np.ndarray, rate: float, longest: int = 1 << 14) -> tuple[np.ndarray, np.ndarray]:
