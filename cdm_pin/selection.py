@@ -724,17 +724,12 @@ class Search:
 
     @cached_property
     def drifts(self) -> list[Vector]:
-        """Columns of what the zeros of sensors do on recordings that are judged: for every channel and run alone.
+        """Columns of what the zeros of torques do on recordings that are judged: for every motor and run alone.
 
-        Something of a constant stays visible beside them, unless the zeros of torques were seen to drift; those of
-        encoders do not.
+        Something of a constant stays visible beside them, unless they were seen to drift; those of encoders do not.
         """
-        channels = range(self.problem.n_channels)
-        if self.drift is None:
-            return self._waves(channels, 1.0)
-        m = self.problem.model.n_motors
-        parts = self._waves(channels[:m], LONG, self.drift.quicker), self._waves(channels[m:], 1.0)
-        return [np.concatenate(own) for own in zip(*parts, strict=True)]
+        channels = range(self.problem.model.n_motors * self.problem.torque)
+        return self._waves(channels, 1.0) if self.drift is None else self._waves(channels, LONG, self.drift.quicker)
 
     def _waves(self, channels: Sequence[int], stretch: float, quicker: int = 0) -> list[Vector]:
         """Give slow shapes of their own to some channels of every run (`drift_columns`)."""
