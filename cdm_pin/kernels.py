@@ -42,7 +42,7 @@ def _put(X, k, x):
 
 @numba.njit(cache=True, inline="always")
 def _to_parent(R, k, x):
-    """R[k] x"""
+    """Turn a vector of body k into its parent's frame, R[k] x."""
     return (
         R[k, 0, 0] * x[0] + R[k, 0, 1] * x[1] + R[k, 0, 2] * x[2],
         R[k, 1, 0] * x[0] + R[k, 1, 1] * x[1] + R[k, 1, 2] * x[2],
@@ -52,7 +52,7 @@ def _to_parent(R, k, x):
 
 @numba.njit(cache=True, inline="always")
 def _to_body(R, k, x):
-    """R[k]' x"""
+    """Turn a vector of the parent into the frame of body k, R[k]' x."""
     return (
         R[k, 0, 0] * x[0] + R[k, 1, 0] * x[1] + R[k, 2, 0] * x[2],
         R[k, 0, 1] * x[0] + R[k, 1, 1] * x[1] + R[k, 2, 1] * x[2],
@@ -62,7 +62,7 @@ def _to_body(R, k, x):
 
 @numba.njit(cache=True, inline="always")
 def _axes_turned(z, angle):
-    """Where a turn about a unit vector takes the three axes: the columns of its rotation."""
+    """Say where a turn about a unit vector takes the three axes: the columns of its rotation."""
     c, s = np.cos(angle), np.sin(angle)
     u = 1 - c
     return (

@@ -201,10 +201,8 @@ class Problem:
             return True
         if [c.key for c, _ in self.loads] != [c.key for c, _ in other.loads] or self.posture != other.posture:
             return False
-        return all(
-            np.all(np.sum((x.cable_torque - y.cable_torque) ** 2, axis=0) < share**2 * np.sum(y.cable_torque**2, axis=0))
-            for x, y in zip(self.motions, other.motions, strict=True)
-        )
+        pairs = [(x.cable_torque, y.cable_torque) for x, y in zip(self.motions, other.motions, strict=True)]
+        return all(np.all(np.sum((x - y) ** 2, axis=0) < share**2 * np.sum(y**2, axis=0)) for x, y in pairs)
 
     @cached_property
     def states(self) -> list[Vector]:

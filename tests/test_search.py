@@ -668,3 +668,36 @@ def test_errors_hold_what_recordings_say_apart(larger, widened):
     assert after == pytest.approx(
         np.hypot(values["coulomb"]["std"], 0.03) if widened else values["coulomb"]["std"], rel=0.15
     )
+
+
+def test_columns_are_computed_anew_only_where_torques_changed(tmp_path):
+    """A bank serves as long as the cables carry what they did; where effects load them otherwise it is renewed."""
+    model, runs, _, _ = loaded_trial(tmp_path, 4242, effects=["coulomb_friction"], **CAPSTAN)
+    problem = make_problem(model, runs)
+    search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
+    bank = search.bank(all_candidates(problem, ["capstan_friction", "viscous_friction"]))
+    change = np.zeros(len(search.base.columns))
+    assert search.renewed(bank) is search.at(change, []).renewed(bank) is bank
+    rub = next(c for c in all_candidates(problem, ["coulomb_friction"]) if c.location == {"kind": "joint", "index": 2})
+    loaded = search.at(change, [(rub, np.array([0.5]))])
+    fresh = loaded.renewed(bank)
+    assert fresh is not bank
+    assert loaded.renewed(fresh) is fresh
+    slightly = search.at(change, [(rub, np.array([0.5001]))])
+    assert slightly.renewed(fresh) is fresh
+    assert not np.allclose(bank.lines[0].dense(), fresh.lines[0].dense(), rtol=0.01)
+
+
+def test_zeros_of_encoders_do_not_drift_on_unseen_recordings(tmp_path):
+    """Encoders on both sides of a joint that are 0.03 degrees apart: the unseen recording confirms what it shows."""
+    seen = {"positions": "both", "bits": 17, "noise": "coloured", "n_links": 3, "duration": 30.0, "visibility": 20.0}
+    model, runs, unseen, truth = loaded_trial(tmp_path, 32, effects=["encoder_offset"], **seen)
+    problem = make_problem(model, unseen)
+    search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
+    m = model.n_motors
+    assert all(drifts[:, :m].any() and not drifts[:, m:].any() for drifts in search.drifts)
+    found = diagnose(model, runs, unseen).content["findings"]
+    (fault,) = truth["effects"]
+    assert [(f["effect"], f["location"]) for f in found] == [(fault["effect"], fault["location"])]
+    size = found[0]["parameters"]["offset"]
+    assert abs(size["value"] - fault["parameters"]["offset"]) < 4 * size["std"]

@@ -22,6 +22,7 @@ from cdm_pin.signals import (
     noise_floor,
     prepare,
     quantisation_step,
+    read_grid,
     resample_uniform,
     sampling_instants,
     standstill,
@@ -409,3 +410,29 @@ def test_shares_of_samples_give_the_mean_over_decimated_stretches():
     kept = np.concatenate([band.reduce(x)[a:b] for a, b in segments])
     assert len(segments) == 2 and band.shares(3000, segments) @ x == pytest.approx(kept.mean(), rel=1e-9)
     assert band.shares(10, []) @ np.ones(10) == pytest.approx(1.0)
+
+
+def test_a_grid_serves_for_every_cut_off():
+    """What is read once and prepared with a cut-off is what would be prepared from the recording itself."""
+    rng = np.random.default_rng(5)
+    t = np.arange(4000) / 200 + rng.uniform(-2e-4, 2e-4, 4000)
+    q, v, _ = motion(t)
+    recording = Recording(t, {"joint_position": q + 1e-4 * rng.standard_normal(q.shape), "joint_velocity": v})
+    grid = read_grid(recording)
+    for options in ({}, {"cutoff": 7.0}, {"cutoff": 7.0, "rate": grid.rate}, {"rate": 100.0}):
+        own, again = prepare(recording, **options), prepare(recording, grid=grid, **options)
+        assert own.notices == again.notices
+        for group in ("channels", "light", "logged", "noise", "floor"):
+            one, two = getattr(own, group), getattr(again, group)
+            assert one.keys() == two.keys()
+            assert all(np.array_equal(one[name], two[name]) for name in one)
+    same = prepare(recording, rate=grid.rate, grid=grid)
+    assert np.array_equal(same.logged["joint_position"], grid.logged["joint_position"])
+
+
+@pytest.mark.parametrize("n", [9, 12, 400])
+def test_a_derivative_is_exact_for_polynomials_of_eighth_degree(n):
+    x = np.linspace(-1.0, 1.0, n)
+    powers = np.arange(1, 9)
+    found = differentiate(np.sum(x[:, None] ** powers / powers, axis=1), (n - 1) / 2)
+    assert np.allclose(found, np.sum(x[:, None] ** (powers - 1), axis=1), rtol=0, atol=1e-10 * n)
