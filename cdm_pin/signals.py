@@ -240,7 +240,7 @@ def prepare(
     notices += [f"{c.channel}: {c.message}".removeprefix(": ") for c in check(signals, model)]
     notices += _said(grid.steps)
     signals = replace(signals, notices=tuple(notices))
-    return signals if rate is None or rate == own_rate else decimated(signals, rate)
+    return signals if rate is None else decimated(signals, rate)
 
 
 def average_periods(signals: Signals, period: float | None = None) -> Periods:
