@@ -351,10 +351,10 @@ class Search:
 
     def renewed(self, bank: Bank) -> Bank:
         """Compute those columns of a bank anew that depend on the torques of the body and of other effects."""
-        if self.problem.is_loaded_like(bank.problem):
-            return bank
         if self.problem.posture != bank.problem.posture:
             return self.bank(bank.candidates)
+        if self.problem.is_loaded_like(bank.problem):
+            return bank
         follows = [i for i, c in enumerate(bank.candidates) if c.hangs_on_torques]
         new = self.bank([bank.candidates[i] for i in follows])
         target = np.concatenate([np.arange(bank.slices[i].start, bank.slices[i].stop) for i in follows] or [[]])
