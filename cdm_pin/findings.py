@@ -263,8 +263,11 @@ def is_known(
 
 
 def is_above_steps(search: Search, candidate: Candidate, values: dict[str, dict[str, Any]]) -> bool:
-    """Whether an encoder's offset, or a play, is more than the encoders that were logged have, as they round."""
-    if candidate.effect.name not in ROUNDED:
+    """Whether an encoder's offset, or a play, is more than the encoders that were logged have, as they round.
+
+    Encoders on both sides of a play show less: it follows the load, no rounding does (`Search.lags`).
+    """
+    if candidate.effect.name not in ROUNDED or (candidate.effect.name == "backlash" and search.problem.kinematic):
         return True
     size = values[candidate.effect.size.name]
     return abs(size["value"]) > 0.5 * search.problem.steps_at(candidate.place.index[0]) + 3 * size["std"]

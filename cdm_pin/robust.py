@@ -61,6 +61,8 @@ def _in_bursts(search: Search, fit: Fit, candidate: Candidate) -> Score:
     X, Z = fit.rest(W), np.concatenate([search.offsets(fit), search.unsure_stretches(fit)])
     if candidate.effect.name == "external_torque":  # it looks like a drift for a while
         Z = np.concatenate([Z, search.quicker_drifts(fit)])
+    if _is_travel(search, candidate):
+        Z = np.concatenate([Z, search.lags(fit)])
     room = np.linalg.inv(np.eye(len(Z)) + Z @ Z.T)
     c = X @ fit.residual - (X @ Z.T) @ room @ (Z @ fit.residual)
     gram = X @ X.T - (X @ Z.T) @ room @ (Z @ X.T)

@@ -15,11 +15,12 @@ from scipy.optimize import minimize_scalar
 from .base import BaseParameters, massive_columns
 from .completed import effect_candidates
 from .drift import LONG, LOUD, QUICKER, Drift, drift_columns, drifting_channels, slow_shapes, without_drift
-from .effects import CATALOGUE, GIVES, RATIOS, Candidate, Identity
+from .effects import CATALOGUE, GIVES, RATIOS, Candidate, Columns, Identity
 from .geometry import Vector
 from .model import CableModel
+from .motion import Motion
 from .patches import PATCHES, TONE
-from .problem import Problem
+from .problem import Problem, rounding_errors
 from .spectra import Spectrum, spectrum, stands_out, tone_peaks, whitener_of
 from .whitening import Lines, Segments, Whitener, fit_quiet, fit_whitener, log_likelihood, log_p, quiet_segments
 
@@ -275,6 +276,7 @@ class Search:
         self._rests: Recent = Recent(8)
         self._offsets: Recent = Recent(8)
         self._drifts: Recent = Recent(8)
+        self._lags: Recent = Recent(8)
         self._stretched: Recent = Recent(8)
 
     def about(self, fit: Fit) -> Search:
@@ -959,6 +961,29 @@ class Search:
                 torque = [x * (np.arange(x.shape[1]) < m)[:, None] for x in self.columns(c)]
                 rows.append(0.5 * steps[c.place.index[0]] * self.white(fit.whitener, torque))
             known = self._offsets.keep(fit.rest(np.concatenate(rows)), fit)
+        return known
+
+    def lags(self, fit: Fit) -> Vector:
+        """Give what encoders on both sides bring that lag behind where they turn, whitened, as far as a fit leaves it.
+
+        Each by half a step, after the sign of its own velocity: what turns a magnet or slips on a shaft may do so.
+
+        Returns
+        -------
+        ndarray, shape (n, n_rows)
+        """
+        known = self._lags.get(fit)
+        if known is None:
+            model, errors = self.problem.model, [rounding_errors(run.signals) for run in self.problem.runs]
+            most = {side: np.sqrt(3.0) * np.max([own[side] for own in errors], axis=0) for side in errors[0]}
+
+            def columns(motion: Motion) -> Columns:
+                joints = model.motor_from_joint * (most["joint_position"] * np.sign(motion.v))[:, None, :]
+                motors = np.eye(model.n_motors) * (most["motor_position"] * np.sign(motion.v_m))[:, None, :]
+                return Columns(kinematic=model.arm_scale[:, None] * np.concatenate([-joints, motors], axis=2))
+
+            rows = self.white(fit.whitener, [lines.dense() for lines in self.problem.reduce(columns)])
+            known = self._lags.keep(fit.rest(rows), fit)
         return known
 
     def stretches(self, fit: Fit) -> list[Vector]:
