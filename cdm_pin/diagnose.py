@@ -26,6 +26,7 @@ from .explain import (
     explain,
     explained,
     is_loud,
+    likelihood,
     next_law,
     patch,
     settled,
@@ -57,7 +58,6 @@ from .unexplained import (
 )
 from .units import motor_units, unit_at
 from .unseen import deviance_unseen, stacked, updated
-from .whitening import log_likelihood
 
 BLURRED = 0.15
 """Share of the torque that steps of encoders may make through accelerations."""
@@ -214,7 +214,7 @@ def _drifting(search: Search) -> Search:
     if not pushes:
         return own
     ways = [(own, []), (slow, pushes), (search.with_drift(pushes), pushes)]
-    return max(ways, key=lambda way: _likelihood(*way))[0]
+    return max(ways, key=lambda way: likelihood(*way))[0]
 
 
 def _pushes(search: Search, bank: Bank, effects: Sequence[Candidate], most: int = 3) -> list[Candidate]:
@@ -252,7 +252,7 @@ def _swinging(
         ways = [looser(search, plays, beside)]
         if rough:
             ways.append(softest(search, beside))
-        best = max([best, *((_likelihood(*way), *way) for way in ways if way is not None)], key=lambda way: way[0])
+        best = max([best, *((likelihood(*way), *way) for way in ways if way is not None)], key=lambda way: way[0])
         if best[0] > own:
             break
     _, there, effects = best
@@ -277,18 +277,12 @@ def _swinging(
 
 def _likely(explanation: Explanation) -> float:
     """Give the log-likelihood of an explanation."""
-    return _likelihood(explanation.search, [f.candidate for f in explanation.found])
-
-
-def _likelihood(search: Search, effects: Sequence[Candidate]) -> float:
-    """Give the log-likelihood of effects in the noise that suits them best, less half of BIC's penalty."""
-    noise, size = search.noise(effects), search.size(*effects) + len(search.problem.states[0]) + search.n_rigid
-    return log_likelihood(noise, search.problem.segments) - 0.5 * np.log(search.fit(effects, noise).n_rows) * size
+    return likelihood(explanation.search, [f.candidate for f in explanation.found])
 
 
 def _swing_gain(search: Search, fit: Fit, without: Fit) -> float:
     """Give the penalised log-likelihood that links which swing on a soft cable gain over those on a rigid one."""
-    return _likelihood(search, fit.effects) - _likelihood(search.stiff, without.effects)
+    return likelihood(search, fit.effects) - likelihood(search.stiff, without.effects)
 
 
 def _validated(seen: Problem | None, explanation: Explanation) -> tuple[Search | None, Explanation]:

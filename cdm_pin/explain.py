@@ -40,7 +40,7 @@ from .selection import (
     rms,
     tones,
 )
-from .whitening import Whitener
+from .whitening import Whitener, log_likelihood
 
 REFINING = ("stribeck_friction", *SHARING)
 """Laws whose first column is dry friction, the others what refines it."""
@@ -210,7 +210,7 @@ def explain(
             search, accepted = settled(there, prune(there, more))
     search, accepted = _unpatched(search, bank, accepted)
     explanation = _plainer(_renamed(explained(search, search.renewed(bank), accepted)))
-    explanation = _pruned(_peakless(_peaked(_simplest(explanation))))
+    explanation = _coupled(_pruned(_peakless(_peaked(_simplest(explanation)))))
     say.looked(explanation.fit)
     return explanation
 
@@ -232,6 +232,20 @@ def still_standing(explanation: Explanation) -> Explanation:
 def _pruned(explanation: Explanation) -> Explanation:
     """Drop what is superfluous beside the laws that now stand; when it was asked for, others may have stood there."""
     return _with(explanation, prune(explanation.search, [f.candidate for f in explanation.found]))
+
+
+def _coupled(explanation: Explanation) -> Explanation:
+    """Leave out what has a ratio of two speeds of its own if another such law, estimated anew, explains as much.
+
+    A coupling that was found beside a friction of the same two motors stays where both together do.
+    """
+    search, accepted = explanation.search, [f.candidate for f in explanation.found]
+    odd = [c for c in accepted if c.place.is_pair or c.effect.name == "transmission_coupling"]
+    for c in sorted(odd if len(odd) > 1 else [], key=search.size):
+        there, laws = settled(search, [law for law in accepted if law is not c], rounds=6)
+        if likelihood(there, laws) >= likelihood(search, accepted):
+            return _coupled(explained(there, there.renewed(explanation.bank), laws))
+    return explanation
 
 
 def _unpatched(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Search, list[Candidate]]:
@@ -759,6 +773,12 @@ def _worth(search: Search, clear: Fit, accepted: list[Candidate], rest: list[Can
     alone = search.fit([*rest, patch], clear.whitener).deviance
     whole = search.fit(rest, clear.whitener).deviance
     return alone - both > 0.05 * (whole - both)
+
+
+def likelihood(search: Search, effects: Sequence[Candidate]) -> float:
+    """Give the log-likelihood of effects in the noise that suits them best, less half of BIC's penalty."""
+    noise, size = search.noise(effects), search.size(*effects) + len(search.problem.states[0]) + search.n_rigid
+    return log_likelihood(noise, search.problem.segments) - 0.5 * np.log(search.fit(effects, noise).n_rows) * size
 
 
 def gain(search: Search, fit: Fit, candidate: Candidate, score: Score) -> float:

@@ -239,8 +239,8 @@ def is_known(
     """Whether any parameter that says how large an effect is, or any coefficient, differs from zero (a gain from one).
 
     Two effects at one place may share a level that neither has alone; what tells them apart is known all the same. The
-    coefficients of a spring that stiffens are those of a polynomial, which are known together where none is alone. A
-    coupling has to have a ratio that is known.
+    coefficients of a spring that stiffens are those of a polynomial, which are known together where none is alone; so
+    are the two of a friction that falls as slowly as a recording lasts. A coupling has to have a ratio that is known.
     """
     ratio = values.get("ratio") if candidate.effect.name == "transmission_coupling" else None
     if ratio is not None and abs(ratio["value"]) <= least * ratio["std"]:  # with which joint, then?
@@ -256,10 +256,13 @@ def is_known(
     std = np.sqrt(np.maximum(np.diag(covariance)[:k], 1e-300))
     z = beta / std
     alone = max([*sizes, *np.abs(z[:own])], default=0.0) > least
-    if alone or not stiffens:
+    if candidate.effect.name == "friction_drift":
+        k = own
+    elif alone or not stiffens:
         return alone
+    z, std = z[:k], std[:k]
     together = np.linalg.pinv(covariance[:k, :k] / std[:, None] / std, rcond=1e-9, hermitian=True)
-    return bool(log_p(float(z @ together @ z), k) < log_p(least**2, 1))
+    return alone or bool(log_p(float(z @ together @ z), k) < log_p(least**2, 1))
 
 
 def is_above_steps(search: Search, candidate: Candidate, values: dict[str, dict[str, Any]]) -> bool:

@@ -677,6 +677,32 @@ def test_a_spring_has_a_stiffness(stiffness, known):
     assert is_known(values, spring, np.array([stiffness, 3.0]), np.diag([1.0, 1e-4])) == known
 
 
+@pytest.mark.parametrize(("likeness", "known"), [(0.0, False), (-0.999, True)])
+def test_a_friction_that_falls_slowly_is_known_as_a_whole(likeness, known):
+    """Where it falls for as long as the recording lasts, what it falls to and what it falls by are only one number."""
+    values = {name: {"value": 1.0, "std": 2.0} for name in ("friction", "extra", "time_constant")}
+    drift = SimpleNamespace(effect=SimpleNamespace(name="friction_drift", signs=(1, 1)))
+    covariance = np.array([[1.0, likeness, 0.0], [likeness, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    assert is_known(values, drift, np.array([1.0, 1.0, 0.5]), covariance) == known
+
+
+@pytest.mark.parametrize(("alone", "kept"), [(-1.0, 2), (1.0, 1)])
+def test_a_coupling_takes_in_the_friction_of_its_motors(monkeypatch, alone, kept):
+    """Estimated beside a friction at another ratio of the same two motors a coupling stays at a wrong one."""
+    pair = SimpleNamespace(effect=CATALOGUE["coulomb_friction"], place=SimpleNamespace(is_pair=True))
+    coupling = SimpleNamespace(effect=CATALOGUE["transmission_coupling"], place=SimpleNamespace(is_pair=False))
+    search = SimpleNamespace(size=lambda c: 1 if c is pair else 2, renewed=lambda bank: bank)
+    monkeypatch.setattr(explain, "settled", lambda search, laws, rounds: (search, laws))
+    monkeypatch.setattr(explain, "likelihood", lambda search, laws: 0.0 if len(laws) == 2 else alone)
+    monkeypatch.setattr(explain, "explained", lambda search, bank, laws: listed(laws))
+
+    def listed(laws):
+        return SimpleNamespace(search=search, found=[SimpleNamespace(candidate=c) for c in laws], bank=search)
+
+    found = explain._coupled(listed([pair, coupling])).found
+    assert len(found) == kept and (kept == 2 or found[0].candidate is coupling)
+
+
 @pytest.mark.parametrize(("damping", "gives"), [(0.0, True), (0.02, True), (3.0, False), (-3.0, False)])
 def test_a_cable_gives_as_a_spring_first(tmp_path, damping, gives):
     """Compliance of a cable is told where two encoders part; what follows the torque's rate alone is none."""
