@@ -187,19 +187,22 @@ def _beside_drifts(search: Search, progress: ProgressCallback | None) -> Explana
     """Explain the recordings beside drifting zeros, where these drift; the likeliest explanation stands.
 
     If pushes were found, it is done anew beside the drift that is left then, as they may have hid or made one, and
-    beside none, as a few more pushes may still look like one.
+    beside none, as a few more pushes may still look like one; what finds no push there says nothing of that.
     """
     first = explain(_drifting(search), progress)
     if first.search.is_swamped(first.fit):
         return explain(search, progress)
-    found = [f.candidate for f in first.found]
-    if not any(c.effect.name == "external_torque" for c in found):
+
+    def pushed(explanation: Explanation) -> bool:
+        return any(f.candidate.effect.name == "external_torque" for f in explanation.found)
+
+    if not pushed(first):
         return first
-    ways = [first]
+    found, ways = [f.candidate for f in first.found], [first]
     for other in (search, search.with_drift(found)):
         if not any(other.drifts_like(way.search) for way in ways):
             there = explain(other, progress)
-            if not there.search.is_swamped(there.fit):
+            if pushed(there) and not there.search.is_swamped(there.fit):
                 ways.append(there)
     return max(ways, key=_likely)
 
