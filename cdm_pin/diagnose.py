@@ -603,11 +603,20 @@ def _fit_content(search: Search, rigid: Fit, fit: Fit, judged: Search) -> dict[s
     m = search.problem.model.n_motors
     rest = errors(judged, fit.base, fit.effects, fit.beta)
     drift = [a - b for a, b in zip(rest, judged.still(rest), strict=True)]  # noise, too, where zeros were seen to drift
-    return {
-        "rmse_rigid": rms(judged, errors(judged.stiff, rigid.base, (), ()))[:m].tolist(),
-        "rmse_augmented": rms(judged, rest)[:m].tolist(),
-        "noise_floor": np.hypot(noise_floor(judged, fit.effects), rms(judged, drift))[:m].tolist(),
+    sizes = {
+        "rmse_rigid": rms(judged, errors(judged.stiff, rigid.base, (), ())),
+        "rmse_augmented": rms(judged, rest),
+        "noise_floor": np.hypot(noise_floor(judged, fit.effects), rms(judged, drift)),
     }
+    content: dict[str, Any] = {name: values[:m].tolist() for name, values in sizes.items()}
+    if search.problem.torque and search.problem.kinematic:
+        units = _together(motor_units(search.problem.model, False))
+        content["travel"] = {name: values[m:].tolist() for name, values in sizes.items()} | {"unit": units}
+    return content
+
+
+def _together(units: Sequence[str]) -> str | list[str]:
+    return units[0] if len(set(units)) == 1 else list(units)
 
 
 def _report(model: CableModel, judge: Search | None, explanation: Explanation, disputed: bool) -> Diagnosis:
@@ -676,7 +685,6 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
         r for j, values in written.items() for r in _records(model, explanation.found[j].candidate, values, fit.beta[j])
     ]
     verdict = "unexplained" if unexplained else ("missing_physics" if items else "consistent")
-    units = motor_units(model, search.problem.torque)
     if unexplained and not (search.problem.torque and search.problem.kinematic):  # of torques and travel at once: none
         own = "N m" if search.problem.torque else "rad"
         unexplained = unexplained | {"unit": unit_at(model, unexplained["location"], own)}
@@ -689,7 +697,7 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
             "train": _fit_content(search, own_rigid, fit, search),
             "holdout": _fit_content(search, own_rigid, fit, judge) if judge is not None else None,
             "simulated_position": None,
-            "unit": units[0] if len(set(units)) == 1 else list(units),
+            "unit": _together(motor_units(model, search.problem.torque)),
         },
         "sensitivity": fi.sensitivities(search, explanation),
         "unexplained": unexplained,

@@ -12,6 +12,9 @@ from .report_evidence import Evidence, LawCurve, Rival, RunEvidence, SimulatedMo
 from .selection import Fit, Search, errors
 from .units import joint_units, motor_units, unit_at
 
+GIVE = ("cable_elasticity", "cable_slack", "backlash")
+"""Effects by which a cable gives under load."""
+
 
 def gather(diagnosis: Diagnosis) -> Evidence:
     """Collect the arrays behind a diagnosis; empty where the data were insufficient."""
@@ -80,6 +83,8 @@ def _runs(search: Search, rigid: Fit, fit: Fit, holdout: bool) -> list[RunEviden
 def _law(search: Search, explanation: Explanation, found: Found) -> LawCurve | None:
     """Draw a law along its own coordinate: torque of the law, and what is left to it when all else is taken away."""
     candidate, fit = found.candidate, explanation.fit
+    if search.problem.kinematic and candidate.effect.follows and candidate.place.index:
+        return _travel(search, explanation, found)
     if not candidate.place.A or not search.problem.torque:
         return None
     j = next(i for i, f in enumerate(explanation.found) if f is found)
@@ -106,6 +111,34 @@ def _law(search: Search, explanation: Explanation, found: Found) -> LawCurve | N
         y_fit=(share @ law)[keep],
         y_label=f"torque [{torque}]",
         loop=candidate.effect.name == "hysteresis",
+    )
+
+
+def _travel(search: Search, explanation: Explanation, found: Found) -> LawCurve | None:
+    """Draw what a law makes of the travel between a motor and its joints, and what is left to it.
+
+    A cable gives by what it carries; a wrong map goes with the joint that it is wrong about.
+    """
+    candidate, fit, problem = found.candidate, explanation.fit, search.problem
+    model, step, i = problem.model, problem.band.step, candidate.place.index[0]
+    j = next(k for k, f in enumerate(explanation.found) if f is found)
+    law = np.tensordot(fit.beta[j], search.columns(candidate)[0], 1)[model.n_motors * problem.torque + i]
+    if not law.any():
+        return None
+    rest = law + errors(search, fit.base, fit.effects, fit.beta)[0][model.n_motors * problem.torque + i]
+    torque, angle = (motor_units(model, felt)[i] for felt in (True, False))
+    if candidate.effect.name in GIVE:
+        x, label = problem.motions[0].cable_torque[:, i], f"torque of the cable [{torque}]"
+    else:
+        k = candidate.place.index[-1]
+        x, label = problem.motions[0].q[:, k], f"position of joint {k + 1} [{joint_units(model)[k]}]"
+    keep = slice(*problem.segments[0][0])
+    return LawCurve(
+        x=x[::step][: len(law)][keep],
+        x_label=label,
+        y_points=rest[keep],
+        y_fit=law[keep],
+        y_label=f"travel of motor {i + 1} from its joints [{angle}]",
     )
 
 

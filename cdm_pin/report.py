@@ -215,6 +215,12 @@ def _how_much_better(diagnosis: Mapping[str, Any], evidence: Evidence, model: Ca
         if rows:
             words = f"Error [{unit}], rms. Upper bar: rigid body; lower bar: completed model; dashed: noise floor."
             html += f"<h3>{title}</h3>" + figure(figures.error_bars(rows, unit), words)
+        travel = (fit.get(part) or {}).get("travel") or {}
+        between = _fit_rows(travel, "motor")
+        if between:
+            apart = either(np.atleast_1d(travel.get("unit") or "rad"))
+            words = f"Unexplained travel between motors and their joints [{apart}], rms."
+            html += figure(figures.error_bars(between, apart), words)
     runs = _chosen_runs(evidence, 1)
     if runs:
         html += _closest_look(runs[0], fit, evidence)

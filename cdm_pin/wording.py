@@ -259,22 +259,36 @@ def doubt(finding: Content, it: str = "") -> str:
 
 
 def improvement(diagnosis: Content, by: str = "") -> str:
-    """Say how far the torque error falls, on the motor where it falls most, and where the floor is."""
+    """Say how far the error falls, on the motor where it falls most, and where the floor is.
+
+    That of torque; of the travel between motor and joint encoders where this falls and that of torque hardly does.
+    """
     name, fit = _judged(diagnosis)
-    if not fit:
+    torque, travel = _fall(fit), _fall(fit.get("travel") or {})
+    own = travel if travel and not (torque and torque[1] > 1.1 * torque[2]) else torque
+    if not own:
         return ""
+    k, rigid, augmented, floor = own
+    unit = _unit(diagnosis, k)
+    error = f"{_ERRORS.get(unit, 'position')} error{f' of motor {k + 1}' if len(fit['rmse_rigid']) > 1 else ''}"
+    if own is travel:
+        error, unit = (
+            f"unexplained travel between motor {k + 1} and its joints",
+            _of_motor(fit["travel"].get("unit", "rad"), k),
+        )
+    text = f"with {by or ('it' if len(diagnosis.get('findings') or []) < 2 else 'them')}, "
+    text += f"{error} on the {name} falls from {number(rigid)} to {number(augmented)} {unit}"
+    return text + _short_of([augmented], [floor], 0, reached=", the noise floor")
+
+
+def _fall(fit: Content) -> tuple[int, float, float, float] | None:
+    """Give where an error falls most: which one, its size before and after, and the floor; None if none falls."""
     rigid, augmented, floor = (fit.get(key) or [] for key in ("rmse_rigid", "rmse_augmented", "noise_floor"))
     if not rigid or len(augmented) != len(rigid):
-        return ""
+        return None
     k = max(range(len(rigid)), key=lambda i: (rigid[i] or 0.0) - (augmented[i] or 0.0))
-    if not (rigid[k] or 0.0) > (augmented[k] or 0.0):
-        return ""
-    of_motor = f" of motor {k + 1}" if len(rigid) > 1 else ""
-    unit = _unit(diagnosis, k)
-    text = f"with {by or ('it' if len(diagnosis.get('findings') or []) < 2 else 'them')}, "
-    text += f"{_ERRORS.get(unit, 'position')} error{of_motor} on the {name} "
-    text += f"falls from {number(rigid[k])} to {number(augmented[k])} {unit}"
-    return text + _short_of(augmented, floor, k, reached=", the noise floor")
+    before, after = rigid[k] or 0.0, augmented[k] or 0.0
+    return (k, before, after, floor[k] if k < len(floor) else 0.0) if before > after else None
 
 
 def changed_masses(diagnosis: Content) -> str:
@@ -401,7 +415,10 @@ def _short_of(values: Sequence[float], floor: Sequence[float], k: int, reached: 
 
 
 def _unit(diagnosis: Content, motor: int) -> str:
-    unit = (diagnosis.get("fit") or {}).get("unit", "N m")
+    return _of_motor((diagnosis.get("fit") or {}).get("unit", "N m"), motor)
+
+
+def _of_motor(unit: str | Sequence[str], motor: int) -> str:
     return unit if isinstance(unit, str) else unit[motor]
 
 

@@ -39,6 +39,17 @@ def test_without_holdout_the_findings_are_unconfirmed(found):
     assert "(unconfirmed)" in text and "on the same recordings falls" in text and "unseen" not in text
 
 
+@pytest.mark.parametrize(("torque", "said"), [(0.05, False), (0.0205, True), (0.019, True)])
+def test_a_travel_is_told_where_no_torque_falls(found, torque, said):
+    """What encoders on both sides of a cable show may leave no trace in the torques."""
+    found["fit"]["holdout"]["rmse_rigid"] = [torque] * 3
+    travel = {"rmse_rigid": [0.0152, 2e-5, 2e-5], "rmse_augmented": [2.7e-5, 2e-5, 2e-5], "noise_floor": [2.7e-5] * 3}
+    found["fit"]["holdout"]["travel"] = travel
+    text = sentence(found)
+    told = "travel between motor 1 and its joints on the unseen run falls from 0.0152 to 2.7e-05 rad, the noise floor"
+    assert (told in text) == said and ("torque error" in text) != said
+
+
 def test_several_findings_are_counted(found):
     """Two findings are announced as two things, each with its clause."""
     delay = {"delay": {"value": 0.012, "std": 0.0003, "unit": "s"}}
