@@ -9,6 +9,7 @@ from trials import written_trial
 from cdm_pin.band import make_band
 from cdm_pin.cli import main
 from cdm_pin.diagnose import diagnose, distinct
+from cdm_pin.gather import gather
 from cdm_pin.manipulator import save_manipulator
 from cdm_pin.model import load_model
 from cdm_pin.recording import Recording
@@ -190,13 +191,24 @@ def test_joint_encoders_alone_show_an_elastic_cable(tmp_path):
 
 
 def test_a_strand_that_always_hangs_is_slack(tmp_path):
-    """A cable whose load never falls to where its other strand pulls too is told from one of half the stiffness."""
+    """A cable whose load never falls to where its other strand pulls too is told from one of half the stiffness.
+
+    That shows between the encoders: in the sizes of that travel and as a curve over the cable's torque.
+    """
     model, runs, unseen, truth, _ = blind(
         tmp_path, 20, ["cable_slack"], positions="both", bits=17, noise="white", size="quarter"
     )
-    (finding,), (effect,) = diagnose(model, runs, unseen).content["findings"], truth["effects"]
+    diagnosis = diagnose(model, runs, unseen)
+    (finding,), (effect,) = diagnosis.content["findings"], truth["effects"]
     assert (finding["effect"], finding["location"]) == (effect["effect"], effect["location"])
     assert finding["parameters"]["torque"]["value"] == pytest.approx(effect["parameters"]["torque"], rel=0.05)
+    travel = diagnosis.content["fit"]["holdout"]["travel"]
+    i = effect["location"]["index"] - 1
+    assert travel["rmse_augmented"][i] < 0.1 * travel["rmse_rigid"][i] and travel["unit"] == "rad"
+    (curve,) = gather(diagnosis).laws
+    assert "torque of the cable" in curve.x_label
+    assert np.std(curve.y_points - curve.y_fit) < 0.1 * np.std(curve.y_points)
+    assert np.corrcoef(curve.x, curve.y_fit)[0, 1] > 0.9
 
 
 def test_a_strong_push_beside_friction_by_torque_is_named(tmp_path):
