@@ -240,7 +240,8 @@ def is_known(
 
     Two effects at one place may share a level that neither has alone; what tells them apart is known all the same. The
     coefficients of a spring that stiffens are those of a polynomial, which are known together where none is alone; so
-    are the two of a friction that falls as slowly as a recording lasts. A coupling has to have a ratio that is known.
+    are the two of a friction that falls as slowly as a recording lasts. Of one whose level is known that has to be by
+    which it falls, and a coupling has to have a ratio that is known.
     """
     ratio = values.get("ratio") if candidate.effect.name == "transmission_coupling" else None
     if ratio is not None and abs(ratio["value"]) <= least * ratio["std"]:  # with which joint, then?
@@ -256,13 +257,15 @@ def is_known(
     std = np.sqrt(np.maximum(np.diag(covariance)[:k], 1e-300))
     z = beta / std
     alone = max([*sizes, *np.abs(z[:own])], default=0.0) > least
-    if candidate.effect.name == "friction_drift":
-        k = own
-    elif alone or not stiffens:
+    drifts = candidate.effect.name == "friction_drift"
+    if drifts:
+        k, extra = own, values["extra"]
+        alone = max(abs(z[1]), abs(extra["value"]) / max(extra["std"], 1e-300)) > least
+    if alone or not (stiffens or (drifts and abs(z[0]) <= least)):
         return alone
     z, std = z[:k], std[:k]
     together = np.linalg.pinv(covariance[:k, :k] / std[:, None] / std, rcond=1e-9, hermitian=True)
-    return alone or bool(log_p(float(z @ together @ z), k) < log_p(least**2, 1))
+    return bool(log_p(float(z @ together @ z), k) < log_p(least**2, 1))
 
 
 def is_above_steps(search: Search, candidate: Candidate, values: dict[str, dict[str, Any]]) -> bool:

@@ -677,13 +677,19 @@ def test_a_spring_has_a_stiffness(stiffness, known):
     assert is_known(values, spring, np.array([stiffness, 3.0]), np.diag([1.0, 1e-4])) == known
 
 
-@pytest.mark.parametrize(("likeness", "known"), [(0.0, False), (-0.999, True)])
-def test_a_friction_that_falls_slowly_is_known_as_a_whole(likeness, known):
-    """Where it falls for as long as the recording lasts, what it falls to and what it falls by are only one number."""
-    values = {name: {"value": 1.0, "std": 2.0} for name in ("friction", "extra", "time_constant")}
+@pytest.mark.parametrize(
+    ("level", "fall", "likeness", "known"),
+    [(1.0, 1.0, 0.0, False), (1.0, 1.0, -0.999, True), (9.0, 1.0, 0.0, False), (9.0, 9.0, 0.0, True)],
+)
+def test_a_friction_that_falls_is_known_by_its_fall(level, fall, likeness, known):
+    """Where it falls for as long as the recording lasts, what it falls to and what it falls by are only one number.
+
+    One whose level is known and its fall is not may be any friction.
+    """
+    values = {"friction": {"value": level, "std": 1.0}, "extra": {"value": fall, "std": 1.0}}
     drift = SimpleNamespace(effect=SimpleNamespace(name="friction_drift", signs=(1, 1)))
     covariance = np.array([[1.0, likeness, 0.0], [likeness, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    assert is_known(values, drift, np.array([1.0, 1.0, 0.5]), covariance) == known
+    assert is_known(values, drift, np.array([level, fall, 0.5]), covariance) == known
 
 
 @pytest.mark.parametrize(("alone", "kept"), [(-1.0, 2), (1.0, 1)])
