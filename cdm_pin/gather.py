@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from .diagnose import Diagnosis
-from .effects import remembered
+from .effects import Candidate, remembered
 from .explain import Explanation, Found
+from .geometry import Vector
 from .replay import Replay
 from .report_evidence import Evidence, LawCurve, Rival, RunEvidence, SimulatedMotion
-from .selection import Fit, Search, errors
+from .selection import COMPLIANT, Fit, Search, errors
 from .units import joint_units, motor_units, unit_at
-
-GIVE = ("cable_elasticity", "cable_slack", "backlash")
-"""Effects by which a cable gives under load."""
 
 
 def gather(diagnosis: Diagnosis) -> Evidence:
@@ -82,28 +80,27 @@ def _runs(search: Search, rigid: Fit, fit: Fit, holdout: bool) -> list[RunEviden
 
 def _law(search: Search, explanation: Explanation, found: Found) -> LawCurve | None:
     """Draw a law along its own coordinate: torque of the law, and what is left to it when all else is taken away."""
-    candidate, fit = found.candidate, explanation.fit
-    if search.problem.kinematic and candidate.effect.follows and candidate.place.index:
-        return _travel(search, explanation, found)
-    if not candidate.place.A or not search.problem.torque:
-        return None
+    candidate, fit, problem = found.candidate, explanation.fit, search.problem
     j = next(i for i, f in enumerate(explanation.found) if f is found)
-    w = candidate.place.weights(search.problem.model)
-    run = search.problem.runs[0]
-    m, step = len(w), search.problem.band.step
-    law = np.tensordot(fit.beta[j], search.columns(candidate)[0], 1)[:m]
-    rest = law + errors(search, fit.base, fit.effects, fit.beta)[0][:m]
+    law = np.tensordot(fit.beta[j], search.columns(candidate)[0], 1)
+    rest = law + errors(search, fit.base, fit.effects, fit.beta)[0]
+    m, step = problem.model.n_motors, problem.band.step
+    between = slice(m * problem.torque, None)
+    if problem.kinematic and candidate.effect.follows and law[between].any():
+        return _travel(search, candidate, law[between], rest[between])
+    if not candidate.place.A or not problem.torque:
+        return None
+    w, law, rest = candidate.place.weights(problem.model), law[:m], rest[:m]
     share = w / (w @ w)
     n = law.shape[1]
     by_position = any(word in candidate.effect.name for word in ("spring", "position", "ripple", "hysteresis"))
-    motion = run.motion
+    motion = problem.motions[0]
     x = candidate.place.along(motion.q, motion.q_m) if by_position else candidate.place.along(motion.v, motion.v_m)
-    angle, torque = (unit_at(search.problem.model, candidate.location, unit) for unit in ("rad", "N m"))
+    angle, torque = (unit_at(problem.model, candidate.location, unit) for unit in ("rad", "N m"))
     label = f"position [{angle}]" if by_position else f"speed [{angle}/s]"
     if candidate.remembers_tension:
         x, label = remembered(motion, candidate.place), f"torque of the cable [{torque}]"
-    start, stop = search.problem.segments[0][0]
-    keep = slice(start, stop)
+    keep = slice(*problem.segments[0][0])
     return LawCurve(
         x=x[::step][:n][keep],
         x_label=label,
@@ -114,30 +111,28 @@ def _law(search: Search, explanation: Explanation, found: Found) -> LawCurve | N
     )
 
 
-def _travel(search: Search, explanation: Explanation, found: Found) -> LawCurve | None:
+def _travel(search: Search, candidate: Candidate, law: Vector, rest: Vector) -> LawCurve:
     """Draw what a law makes of the travel between a motor and its joints, and what is left to it.
 
     A cable gives by what it carries; a wrong map goes with the joint that it is wrong about.
     """
-    candidate, fit, problem = found.candidate, explanation.fit, search.problem
-    model, step, i = problem.model, problem.band.step, candidate.place.index[0]
-    j = next(k for k, f in enumerate(explanation.found) if f is found)
-    law = np.tensordot(fit.beta[j], search.columns(candidate)[0], 1)[model.n_motors * problem.torque + i]
-    if not law.any():
-        return None
-    rest = law + errors(search, fit.base, fit.effects, fit.beta)[0][model.n_motors * problem.torque + i]
-    torque, angle = (motor_units(model, felt)[i] for felt in (True, False))
-    if candidate.effect.name in GIVE:
-        x, label = problem.motions[0].cable_torque[:, i], f"torque of the cable [{torque}]"
+    problem, motion, i, k = (
+        search.problem,
+        search.problem.motions[0],
+        candidate.place.index[0],
+        candidate.place.index[-1],
+    )
+    torque, angle = (motor_units(problem.model, felt)[i] for felt in (True, False))
+    if candidate.effect.name in (*COMPLIANT, "backlash"):
+        x, label = motion.cable_torque[:, i], f"torque of the cable [{torque}]"
     else:
-        k = candidate.place.index[-1]
-        x, label = problem.motions[0].q[:, k], f"position of joint {k + 1} [{joint_units(model)[k]}]"
+        x, label = motion.q[:, k], f"position of joint {k + 1} [{joint_units(problem.model)[k]}]"
     keep = slice(*problem.segments[0][0])
     return LawCurve(
-        x=x[::step][: len(law)][keep],
+        x=x[:: problem.band.step][: law.shape[1]][keep],
         x_label=label,
-        y_points=rest[keep],
-        y_fit=law[keep],
+        y_points=rest[i, keep],
+        y_fit=law[i, keep],
         y_label=f"travel of motor {i + 1} from its joints [{angle}]",
     )
 

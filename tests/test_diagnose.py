@@ -211,6 +211,15 @@ def test_a_strand_that_always_hangs_is_slack(tmp_path):
     assert np.corrcoef(curve.x, curve.y_fit)[0, 1] > 0.9
 
 
+def test_what_encoders_do_not_see_is_drawn_as_torque(tmp_path):
+    """A wrong gain hangs on the torque as a soft cable does, but moves nothing between the encoders."""
+    model, runs, unseen, _, _ = written_trial(
+        tmp_path, 3, effects=["torque_gain_error"], positions="both", n_links=2, at_least=50.0, bits=17, noise="white"
+    )
+    (curve,) = gather(diagnose(model, runs, unseen)).laws
+    assert curve.y_label.startswith("torque") and curve.y_fit.any()
+
+
 def test_a_strong_push_beside_friction_by_torque_is_named(tmp_path):
     """The friction alone may be wrong by as much as the push, but not in the shape of one that leaves only noise."""
     model, runs, unseen, truth, _ = written_trial(tmp_path, 77307004668733, effects=2, at_least=50.0, bits=17)
