@@ -241,9 +241,12 @@ def _coupled(explanation: Explanation) -> Explanation:
     """
     search, accepted = explanation.search, [f.candidate for f in explanation.found]
     odd = [c for c in accepted if c.place.is_pair or c.effect.name == "transmission_coupling"]
-    for c in sorted(odd if len(odd) > 1 else [], key=search.size):
+    if len(odd) < 2:
+        return explanation
+    own = likelihood(search, accepted)
+    for c in sorted(odd, key=search.size):
         there, laws = settled(search, [law for law in accepted if law is not c], rounds=6)
-        if likelihood(there, laws) >= likelihood(search, accepted):
+        if likelihood(there, laws) >= own:
             return _coupled(explained(there, there.renewed(explanation.bank), laws))
     return explanation
 

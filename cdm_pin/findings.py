@@ -246,26 +246,24 @@ def is_known(
     ratio = values.get("ratio") if candidate.effect.name == "transmission_coupling" else None
     if ratio is not None and abs(ratio["value"]) <= least * ratio["std"]:  # with which joint, then?
         return False
-    sizes = [
-        abs(v["value"] - (name == "gain")) / max(v["std"], 1e-300) for name, v in values.items() if name not in SHAPES
-    ]
-    own, k = len(candidate.effect.signs), len(beta)  # the first without what details the sign of a velocity
-    spring = candidate.effect.name == "joint_spring"
-    stiffens = spring and k > 2
-    if spring and not stiffens:  # a constant torque is none
-        own = 1
+    sizes = {
+        name: abs(v["value"] - (name == "gain")) / max(v["std"], 1e-300)
+        for name, v in values.items()
+        if name not in SHAPES
+    }
+    k = len(beta)
     std = np.sqrt(np.maximum(np.diag(covariance)[:k], 1e-300))
     z = beta / std
-    alone = max([*sizes, *np.abs(z[:own])], default=0.0) > least
-    drifts = candidate.effect.name == "friction_drift"
-    if drifts:
-        k, extra = own, values["extra"]
-        alone = max(abs(z[1]), abs(extra["value"]) / max(extra["std"], 1e-300)) > least
-    if alone or not (stiffens or (drifts and abs(z[0]) <= least)):
-        return alone
-    z, std = z[:k], std[:k]
-    together = np.linalg.pinv(covariance[:k, :k] / std[:, None] / std, rcond=1e-9, hermitian=True)
-    return bool(log_p(float(z @ together @ z), k) < log_p(least**2, 1))
+    own, n = z[: len(candidate.effect.signs)], 0  # without what details the sign of a velocity; as many known together
+    if candidate.effect.name == "joint_spring":
+        own, n = (own, k) if k > 2 else (z[:1], 0)  # a constant torque is none
+    if candidate.effect.name == "friction_drift":
+        n = 0 if abs(z[0]) > least else len(own)
+        own, sizes = own[1:], {"extra": sizes["extra"]}
+    if max([*sizes.values(), *np.abs(own)], default=0.0) > least:
+        return True
+    together = np.linalg.pinv(covariance[:n, :n] / std[:n, None] / std[:n], rcond=1e-9, hermitian=True)
+    return n > 0 and bool(log_p(float(z[:n] @ together @ z[:n]), n) < log_p(least**2, 1))
 
 
 def is_above_steps(search: Search, candidate: Candidate, values: dict[str, dict[str, Any]]) -> bool:

@@ -211,14 +211,13 @@ def _how_much_better(diagnosis: Mapping[str, Any], evidence: Evidence, model: Ca
     unit = either(np.atleast_1d(fit.get("unit") or (evidence.runs[0].units if evidence.runs else "N m")))
     html = ""
     for part, title in (("holdout", "On unseen recordings"), ("train", "On the recordings fitted to")):
-        rows = _fit_rows(fit.get(part) or {}, "motor")
+        own = fit.get(part) or {}
+        rows = _fit_rows(own, "motor")
         if rows:
             words = f"Error [{unit}], rms. Upper bar: rigid body; lower bar: completed model; dashed: noise floor."
             html += f"<h3>{title}</h3>" + figure(figures.error_bars(rows, unit), words)
-        travel = (fit.get(part) or {}).get("travel") or {}
-        between = _fit_rows(travel, "motor")
-        if between:
-            apart = either(np.atleast_1d(travel.get("unit") or "rad"))
+        if travel := own.get("travel"):
+            between, apart = _fit_rows(travel, "motor"), either(np.atleast_1d(travel["unit"]))
             words = f"Unexplained travel between motors and their joints [{apart}], rms."
             html += figure(figures.error_bars(between, apart), words)
     runs = _chosen_runs(evidence, 1)

@@ -269,13 +269,11 @@ def improvement(diagnosis: Content, by: str = "") -> str:
     if not own:
         return ""
     k, rigid, augmented, floor = own
-    unit = _unit(diagnosis, k)
-    error = f"{_ERRORS.get(unit, 'position')} error{f' of motor {k + 1}' if len(fit['rmse_rigid']) > 1 else ''}"
     if own is travel:
-        error, unit = (
-            f"unexplained travel between motor {k + 1} and its joints",
-            _of_motor(fit["travel"].get("unit", "rad"), k),
-        )
+        error, unit = f"unexplained travel between motor {k + 1} and its joints", _of_motor(fit["travel"]["unit"], k)
+    else:
+        of_motor, unit = f" of motor {k + 1}" if len(fit["rmse_rigid"]) > 1 else "", _unit(diagnosis, k)
+        error = f"{_ERRORS.get(unit, 'position')} error{of_motor}"
     text = f"with {by or ('it' if len(diagnosis.get('findings') or []) < 2 else 'them')}, "
     text += f"{error} on the {name} falls from {number(rigid)} to {number(augmented)} {unit}"
     return text + _short_of([augmented], [floor], 0, reached=", the noise floor")

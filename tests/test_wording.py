@@ -44,7 +44,7 @@ def test_a_travel_is_told_where_no_torque_falls(found, torque, said):
     """What encoders on both sides of a cable show may leave no trace in the torques."""
     found["fit"]["holdout"]["rmse_rigid"] = [torque] * 3
     travel = {"rmse_rigid": [0.0152, 2e-5, 2e-5], "rmse_augmented": [2.7e-5, 2e-5, 2e-5], "noise_floor": [2.7e-5] * 3}
-    found["fit"]["holdout"]["travel"] = travel
+    found["fit"]["holdout"]["travel"] = travel | {"unit": "rad"}
     text = sentence(found)
     told = "travel between motor 1 and its joints on the unseen run falls from 0.0152 to 2.7e-05 rad, the noise floor"
     assert (told in text) == said and ("torque error" in text) != said
