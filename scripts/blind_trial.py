@@ -1,3 +1,4 @@
+#!/usr/bin/env python3
 """One blind trial: an independent plant conceals something, the tool says what, and only then is the seal opened.
 
 Three processes, in folders of their own:

@@ -1,3 +1,4 @@
+#!/usr/bin/env python3
 """The proof: blind trials by the thousand, scored, beside baselines, written up in docs/proof.md.
 
 Every trial conceals something in an independent simulator, hands the diagnosis the recordings and a manipulator file
