@@ -16,6 +16,7 @@ from .consistency import nearest_standard
 from .effects import STOPS, Candidate
 from .everywhere import agreements, confirmed
 from .explain import (
+    EVIDENT,
     PREFERENCE,
     REFINING,
     Explanation,
@@ -71,12 +72,18 @@ AGREEMENT = 0.3
 """Of many effects, what the unseen recordings make of one alone has to be like it by so much for it to be listed."""
 CARRIED = 0.1
 """Share of the squared error on unseen recordings that a finding beyond doubt leaves."""
+MOSTLY = 0.4
+"""Share that is left on its motors of the squared error by a finding that is louder there than all else."""
+LIKE = 0.5
+"""How like it the unseen recordings have to make such a finding by themselves."""
 CLOSE = 2.0
 """Whitened sum of squares on unseen recordings, per sample, up to which a finer law may be told by them."""
 BLIND = 3.0
 """Whitened sum of squares of a finding on unseen recordings that cannot show it."""
 SURE = 15.0
 """Penalised log-likelihood of a finding in the training that chance does not give."""
+RARE = 4.7
+"""By how many times the root of what is due chance takes from it in one of a hundred cases."""
 FAR = 25.0
 """Squared error on unseen recordings, in units of the noise, beside which a finding has to carry nearly all."""
 SCHEMA = "cdm_pin.diagnosis/1"
@@ -428,19 +435,24 @@ def _without_trifles(search: Search, effects: list[Candidate]) -> list[Candidate
 
 
 def _sized(explanation: Explanation, near: float = 15.0) -> Explanation:
-    """Let a simpler law stand, if one is near and as likely, for a law of which no parameter is known."""
+    """Let a simpler law stand, if one is near and as likely, for a law of which no parameter is known.
+
+    Dry friction stands for what refines it unless that is evident.
+    """
     search = explanation.search
     if explanation.everywhere or not explanation.found:
         return explanation
     for j in fi.unsized(explanation):
         found = explanation.found[j]
         without = search.without(explanation.fit, j)
-        least = evidence(search, without, found.candidate, found.score.statistic) - search.settings.close
+        own = evidence(search, without, found.candidate, found.score.statistic)
+        dry = found.candidate.dry.key if found.candidate.effect.name in REFINING else None
         dry_first = sorted(found.rivals, key=lambda r: -r[1] - PREFERENCE * (r[0].effect.name == "coulomb_friction"))
         for rival, difference in dry_first:
             if not rival.named or search.size(rival) >= search.size(found.candidate) or difference < -near:
                 continue
-            if evidence(search, without, rival, found.score.statistic) < least:
+            close = EVIDENT if rival.key == dry else search.settings.close
+            if evidence(search, without, rival, found.score.statistic) < own - close:
                 continue
             others = [f.candidate for f in explanation.found]
             simpler = explained(search, explanation.bank, [*others[:j], rival, *others[j + 1 :]])
@@ -545,9 +557,9 @@ def _weighted(search: Search, errors: Sequence[Vector], level: Vector) -> float:
 def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
     """Whether the unseen recordings are likelier with finding `j` than without it, by as much as they should be.
 
-    Where it is right, the whitened sum of squares falls by that of what it changes there, give or take twice the root;
-    a tenth is asked for, and 3 where they could show as much: what the training is sure of needs no more. The plain
-    error, drifts aside, must not rise either, unless masses that the training could not tell make most of it.
+    Where it is right, the whitened sum of squares falls by that of what it changes there, give or take twice the root
+    (`asked_of`). The plain error, drifts aside, must not rise either, unless masses that the training could not tell
+    make most of it.
     Where nearly all of the plain error goes, no more is asked: slow noise could hide a constant from the likelihood.
     What is loud in the training, and would not show on the unseen recordings, they cannot speak against. What is little
     more than other laws may be wrong by is none of that only if it leaves nothing but noise.
@@ -569,15 +581,23 @@ def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
     due = _due(judge, explanation, j)
     if due < BLIND and is_loud(found.score):
         return True
-    least = min(3.0, max(due - 6.0, 0.0)) if found.gain > SURE else 3.0
     fall = deviance_unseen(judge, without) - deviance_unseen(judge, fit)
-    if fall < max(least * found.candidate.named, 0.1 * due):
+    if fall < asked_of(due, found.gain, found.candidate.named):
         return False
     rise = 1.03 if fall > max(0.5 * due, 20.0) else 1.01
     others = sum(f.score.statistic for f in explanation.found) - found.score.statistic
     if found.score.statistic < (2.0 * explanation.search.settings.law_error) ** 2 * others:
         return with_it < min(without_it, 1.5 * judge.problem.n_channels)
     return with_it < rise * without_it or with_it > 9.0 * judge.problem.n_channels
+
+
+def asked_of(due: float, gain: float, named: bool = True) -> float:
+    """Say by how much the sum of squares on unseen recordings has to fall, of which `due` is what is to be expected.
+
+    A tenth, and 3 for what has a name; of what the training is sure of no more than what chance leaves of what is due.
+    """
+    least = max(3.0 * named, 0.1 * due)
+    return min(least, max(due - RARE * float(np.sqrt(due)), 0.0)) if gain > SURE else least
 
 
 def _due(judge: Search, explanation: Explanation, j: int) -> float:
@@ -597,6 +617,18 @@ def _carries(judge: Search, explanation: Explanation, j: int) -> bool:
     """Whether finding `j` takes nearly all of the plain error of recordings away, whatever is left."""
     with_it, without_it = _plain(judge, explanation.fit, explanation.search.without(explanation.fit, j))
     return with_it < CARRIED * without_it
+
+
+def _is_loud_there(judge: Search, explanation: Explanation, j: int) -> bool:
+    """Whether finding `j` takes most of the plain error of recordings away on a motor on which it acts."""
+    place, model = explanation.found[j].candidate.place, judge.problem.model
+    if not place.A + place.B:
+        return False
+    fits = explanation.fit, explanation.search.without(explanation.fit, j)
+    own = np.abs(place.weights(model)) > 0.0
+    left = (rms(judge, judge.still(errors(judge, f.base, f.effects, f.beta))) for f in fits)
+    with_it, without_it = (x[: model.n_motors][own] ** 2 for x in left)
+    return bool(np.any(with_it < MOSTLY * without_it))
 
 
 def _fit_content(search: Search, rigid: Fit, fit: Fit, judged: Search) -> dict[str, Any]:
@@ -646,7 +678,12 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
     if patches:
         unexplained = at_corrections(explanation, patches)
         if judge is not None and not explanation.everywhere and _plain(judge, fit)[0] > FAR * judge.problem.n_channels:
-            stated = {j: v for j, v in stated.items() if _carries(judge, explanation, j)}
+            repeated = [agreement >= LIKE for agreement in agreements(judge, fit)]
+            stated = {
+                j: v
+                for j, v in stated.items()
+                if _carries(judge, explanation, j) or (repeated[j] and _is_loud_there(judge, explanation, j))
+            }
     else:
         unexplained, excess = beyond_floor(search, judge, explanation)
         if unexplained is not None and not explanation.everywhere:

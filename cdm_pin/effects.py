@@ -1067,6 +1067,11 @@ def coupled_alike(model: CableModel, candidate: Candidate) -> list[dict[str, Any
     return out
 
 
+def _turns(motions: Sequence[Motion], place: Place) -> float:
+    """Give by how much a coupled motor turns at most while a joint turns by one: as much as with any of its own."""
+    return float(np.abs(motions[0].model.motor_from_joint[place.index[0]]).max())
+
+
 def _ripple(motion: Motion, place: Place, shape: Shape) -> Columns:
     x = shape[0] * motion.q_m[:, place.index[0]]
     return _rub(motion, place, np.sin(x), np.cos(x))
@@ -1652,8 +1657,8 @@ CATALOGUE: dict[str, Effect] = {
             motor_joint_places,
             _coupling,
             _rotor_coupling,
-            _grid(_one_width, lambda m, p: (-0.6, -0.3, 0.3, 0.6)),
-            _bounds(lambda m, p: (-1.0, 1.0)),
+            _grid(_one_width, lambda m, p: _turns(m, p) * np.array([-0.6, -0.3, 0.3, 0.6])),
+            _bounds(lambda m, p: (-0.9 * _turns(m, p), 0.9 * _turns(m, p))),  # beyond, it would be a cable on a link
             (1, 1, 1),
             confounded=("coulomb_friction",),
             revealed_by="moving that joint alone",

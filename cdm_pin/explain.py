@@ -28,6 +28,7 @@ from .patches import MISREAD, RUBS
 from .robust import UNSURE, is_coarse, robust_score
 from .selection import (
     COMPLIANT,
+    PUNCTUAL,
     Bank,
     Fit,
     ProgressCallback,
@@ -78,8 +79,6 @@ WRONG = 0.1
 """Share of its torque by which no law is wrong."""
 MOST_STRETCH = 0.35
 """By how much no cable gives under what it carries [rad]."""
-PUNCTUAL = 0.05
-"""Share of the time between two samples by which it is not sure what instant one stands for."""
 SETTLING = 12
 """Rounds in which columns that follow the torques of others come to rest; delayed friction takes the most."""
 PREFERENCE = 2.0
@@ -357,15 +356,28 @@ def _plainer(explanation: Explanation, equal: float = 1.0) -> Explanation:
     return explanation if chosen is accepted else explained(search, explanation.bank, chosen)
 
 
-def _simplest(explanation: Explanation) -> Explanation:
+def _simplest(explanation: Explanation, spoilt: frozenset[tuple[str, str]] = frozenset()) -> Explanation:
     """Let that of the laws stand which the data make likeliest, at a place above all; of equals the simplest.
 
     Dry friction is the simplest of its kin. Laws that are alike in penalised likelihood are weighed by their evidence.
+    One that is no such law any more once its shape is estimated beside all others is `spoilt`.
     """
     accepted = [f.candidate for f in explanation.found]
     for j in range(len(accepted)):
-        accepted[j] = _simplest_at(explanation, j, [c.key for c in accepted])
-    return _with(explanation, accepted)
+        accepted[j] = _simplest_at(explanation, j, spoilt.union(c.key for c in accepted))
+    simpler = _estimated(explanation, accepted)
+    worse = _unsound(simpler) - _unsound(explanation)
+    return _simplest(explanation, spoilt | worse) if worse - spoilt else simpler
+
+
+def _unsound(explanation: Explanation) -> frozenset[tuple[str, str]]:
+    """List the laws whose coefficients are not such as they may have."""
+    effects, out = [f.candidate for f in explanation.found], set()
+    for j, found in enumerate(explanation.found):
+        law, score, others = found.candidate, found.score, [*effects[:j], *effects[j + 1 :]]
+        if law.named and not (np.isfinite(score.statistic) and law.is_plausible(score.beta, others)):
+            out.add(law.key)
+    return frozenset(out)
 
 
 def _plainest(explanation: Explanation, j: int) -> Candidate:
@@ -380,7 +392,7 @@ def _plainest(explanation: Explanation, j: int) -> Candidate:
     return own if own.detail or max(worth, default=-np.inf) <= found.gain else fewer[int(np.argmax(worth))]
 
 
-def _simplest_at(explanation: Explanation, j: int, taken: Sequence[tuple[str, str]]) -> Candidate:
+def _simplest_at(explanation: Explanation, j: int, taken: frozenset[tuple[str, str]]) -> Candidate:
     """Give the simplest law that may stand for finding `j`; one that friction cannot be gives way to the next best."""
     search, found, lead = explanation.search, explanation.found[j], 0.0
     best = _plainest(explanation, j)
@@ -486,6 +498,12 @@ def _peakless(explanation: Explanation, least: float = 2.0) -> Explanation:
 
 
 def _with(explanation: Explanation, effects: list[Candidate]) -> Explanation:
+    """Give the explanation by these effects, unless that makes one of them no such law; see `_estimated`."""
+    changed = _estimated(explanation, effects)
+    return explanation if _unsound(changed) - _unsound(explanation) else changed
+
+
+def _estimated(explanation: Explanation, effects: list[Candidate]) -> Explanation:
     """Give the explanation by these effects, their shapes estimated together; itself if they are its own."""
     if effects == [f.candidate for f in explanation.found]:
         return explanation

@@ -78,6 +78,8 @@ class Settings:
 
 UNSURE_MASS = 0.2
 """Share of themselves by which masses, first moments and inertias of the file may be wrong."""
+PUNCTUAL = 0.05
+"""Share of the time between two samples by which it is not sure what instant one stands for."""
 MOST_TIMES = 20
 """How often what the file's parameters may be wrong by is doubled."""
 COMPLIANT = ("cable_elasticity", "cable_slack")
@@ -277,6 +279,7 @@ class Search:
         self._offsets: Recent = Recent(8)
         self._drifts: Recent = Recent(8)
         self._lags: Recent = Recent(8)
+        self._instants: Recent = Recent(8)
         self._stretched: Recent = Recent(8)
 
     def about(self, fit: Fit) -> Search:
@@ -984,6 +987,24 @@ class Search:
 
             rows = self.white(fit.whitener, [lines.dense() for lines in self.problem.reduce(columns)])
             known = self._lags.keep(fit.rest(rows), fit)
+        return known
+
+    def instants(self, fit: Fit) -> Vector:
+        """Give what torques bring that were read not quite when positions were, whitened, as far as a fit leaves it.
+
+        Returns
+        -------
+        ndarray, shape (n, n_rows)
+            None beside a delay.
+        """
+        known = self._instants.get(fit)
+        if known is None:
+            delays = [c for c in all_candidates(self.problem, ("time_delay",)) if not c.place.index]
+            if not self.problem.torque or any(c.effect.name == "time_delay" for c in fit.effects):
+                delays = []
+            share = PUNCTUAL / self.problem.motions[0].rate
+            rows = [share * self.white(fit.whitener, self.columns(c)) for c in delays]
+            known = self._instants.keep(fit.rest(np.concatenate([np.zeros((0, fit.n_rows)), *rows])), fit)
         return known
 
     def stretches(self, fit: Fit) -> list[Vector]:

@@ -65,7 +65,8 @@ def resample_uniform(time: np.ndarray, x: np.ndarray, rate: float) -> tuple[np.n
         near = np.zeros(len(grid), bool)
         for start, stop in zip(time[:-1][gaps], time[1:][gaps], strict=True):
             near |= (grid > start - 5 * typical) & (grid < stop + 5 * typical)
-        values[near] = PchipInterpolator(time, x)(grid[near])
+        with np.errstate(over="ignore"):  # a slope of next to nothing over which it divides is none
+            values[near] = PchipInterpolator(time, x)(grid[near])
     return grid, values
 
 

@@ -230,6 +230,20 @@ def test_a_strong_push_beside_friction_by_torque_is_named(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("seed", "effect", "visibility"),
+    [
+        (152971890073249, "load_dependent_friction", 21.83),  # drifts so that it would drive, once all is estimated
+        (2435691590527, "friction_drift", 16.26),  # falls, though by what is not known to three errors
+    ],
+)
+def test_dry_friction_stands_for_a_law_that_is_not_told_from_it(tmp_path, seed, effect, visibility):
+    model, runs, unseen, _, _ = written_trial(tmp_path, seed, effects=[effect], visibility=visibility, bits=14)
+    (finding,) = diagnose(model, runs, unseen).content["findings"]
+    assert finding["effect"] == "coulomb_friction"
+    assert effect in [r["effect"] for r in finding["indistinguishable_from"]]
+
+
+@pytest.mark.parametrize(
     ("seed", "bits"),
     [
         (202895779544438, 14),  # a ratio of two motors that takes up most of what a gain is off by

@@ -15,6 +15,7 @@ from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.effects import (
     CATALOGUE,
     Candidate,
+    _turns,
     at_known_place,
     dahl,
     dragged,
@@ -504,12 +505,20 @@ def test_no_law_takes_the_place_of_two(monkeypatch):
     )
     score = Score(100.0, 1, np.ones(1), 1.0, 1.0)
     found = [explain.Found(c, score, 50.0, -50.0, ((simple, 0.0),)) for c in (spring, tilt)]
-    monkeypatch.setattr(explain, "explained", lambda search, bank, accepted: accepted)
+
+    def explained(search, bank, accepted):
+        return SimpleNamespace(found=[explain.Found(c, own[c is simple], 50.0, -50.0, ()) for c in accepted])
+
+    own = [score, score]
+    monkeypatch.setattr(explain, "explained", explained)
     explanation = SimpleNamespace(
         search=search, found=found, fit=None, bank=SimpleNamespace(laws=SimpleNamespace(candidates=()))
     )
     monkeypatch.setattr(explain, "evidence", lambda search, without, candidate, size: 0.0)
-    assert explain._simplest(explanation) == [simple, tilt]
+    assert [f.candidate for f in explain._simplest(explanation).found] == [simple, tilt]
+    own[True] = replace(score, statistic=-np.inf)  # beside the other, it is no such law any more
+    assert explain._simplest(explanation) is explanation
+    own[True] = score
     monkeypatch.setattr(explain, "evidence", lambda search, without, candidate, size: -9.0 * (candidate is simple))
     assert explain._simplest(explanation) is explanation
 
@@ -763,6 +772,84 @@ def test_an_offset_between_encoders_is_not_an_error_of_a_soft_cable(monkeypatch,
     monkeypatch.setattr(explain, "errors", lambda *_: [abs(offset) * column[0]])
     law = Candidate(CATALOGUE["encoder_offset"], CATALOGUE["encoder_offset"].places(load_model("urdf/cdm2.yaml"))[0])
     assert explain._outdoes_in_means(search, law, np.array([offset]), fit) == outdoes
+
+
+def test_what_instants_are_unsure_by_is_no_friction(tmp_path):
+    """Torque that is read a twentieth of a sample late looks like friction; no delay takes room from a delay."""
+    model, runs, _, _ = loaded_trial(
+        tmp_path, 262701276713102, effects=["time_delay"], visibility=11.84, bits=17, duration=30.0
+    )
+    search = Search(make_problem(model, runs), base_parameters(model, columns=massive_columns(model)), Settings())
+    fit = search.fit([])
+    laws = all_candidates(search.problem, ["viscous_friction", "time_delay"])
+    best = {name: max((c for c in laws if c.name == name), key=lambda c: search.score(fit, c).statistic)
+            for name in ("viscous_friction", "time_delay")}  # fmt: skip
+    share = {
+        name: robust_score(search, fit, law).statistic / search.score(fit, law).statistic for name, law in best.items()
+    }
+    assert share["viscous_friction"] < 0.7 < 0.9 < share["time_delay"]
+    assert not len(search.instants(search.fit([best["time_delay"]])))
+
+
+@pytest.mark.parametrize(
+    ("due", "gain", "named", "asked"),
+    [
+        (8.0, 30.0, True, 0.0),  # chance may take all of it
+        (8.0, 10.0, True, 3.0),  # which counts only for what the training is sure of
+        (8.0, 10.0, False, 0.8),
+        (1000.0, 30.0, True, 100.0),
+    ],
+)
+def test_the_unseen_recordings_are_asked_for_what_chance_leaves_of_what_is_due(due, gain, named, asked):
+    assert diagnosis.asked_of(due, gain, named) == pytest.approx(asked)
+
+
+@pytest.mark.parametrize(
+    ("left", "loud"),
+    [
+        ([9.0, 3.0], True),  # three times the error on its motor, hardly any of the whole
+        ([9.0, 1.2], False),
+        ([90.0, 1.2], False),  # on another's
+    ],
+)
+def test_a_finding_is_loud_where_it_takes_most_of_the_error(monkeypatch, left, loud):
+    model = load_model("urdf/cdm2.yaml")
+    place = next(p for p in CATALOGUE["coulomb_friction"].places(model) if p.location == {"kind": "motor", "index": 2})
+    candidate = Candidate(CATALOGUE["coulomb_friction"], place, (0.1,))
+    fits = {name: SimpleNamespace(base=name, effects=(), beta=()) for name in ("with", "without")}
+    monkeypatch.setattr(diagnosis, "errors", lambda judge, base, effects, beta: base)
+    monkeypatch.setattr(diagnosis, "rms", lambda judge, name: np.array({"with": [8.9, 1.0], "without": left}[name]))
+    judge = SimpleNamespace(problem=SimpleNamespace(model=model), still=lambda name: name)
+    explanation = SimpleNamespace(
+        fit=fits["with"],
+        found=[SimpleNamespace(candidate=candidate)],
+        search=SimpleNamespace(without=lambda fit, j: fits["without"]),
+    )
+    assert diagnosis._is_loud_there(judge, explanation, 0) == loud
+
+
+def test_a_motor_may_turn_with_a_joint_as_much_as_with_any_of_its_own():
+    """A ratio is one of the motor's angle over the joint's, which pulleys and gears scale."""
+    model = load_model("urdf/cdm2.yaml")
+    law = CATALOGUE["transmission_coupling"]
+    motion = SimpleNamespace(model=SimpleNamespace(motor_from_joint=np.array([[20.0, 0.0], [20.0, -30.0]])))
+    assert [_turns([motion], place) for place in law.places(model)] == [{0: 20.0, 1: 30.0}[p.index[0]]
+                                                                       for p in law.places(model)]  # fmt: skip
+
+
+def test_a_law_that_would_drive_is_unsound():
+    """Friction that starts by driving is none, however much it explains; nor is what has no admissible coefficients."""
+    law = CATALOGUE["friction_drift"]
+    candidate = Candidate(law, law.places(load_model("urdf/cdm2.yaml"))[0], (0.01, 5.0))
+
+    def unsound(beta, statistic=100.0):
+        found = SimpleNamespace(candidate=candidate, score=Score(statistic, 2, np.array(beta), 1.0, 1.0))
+        return explain._unsound(SimpleNamespace(found=(found,)))
+
+    assert not unsound([1.0, 0.5])
+    assert not unsound([1.0, -0.5])
+    assert unsound([1.0, -1.5]) == {candidate.key}
+    assert unsound([1.0, 0.5], -np.inf) == {candidate.key}
 
 
 @pytest.mark.parametrize(("delay", "resolved"), [(6e-5, False), (5e-4, True)])

@@ -104,6 +104,15 @@ def test_resampling_jittered_stamps():
     assert np.array_equal(resample_uniform(uniform, np.sin(uniform), 200.0)[1], np.sin(uniform))
 
 
+def test_next_to_nothing_beside_a_gap_is_resampled_in_silence(recwarn):
+    """Velocities at rest may be too small to divide by."""
+    time = np.r_[np.arange(50) * 0.01, 1.0 + np.arange(50) * 0.01]
+    x = np.where(np.arange(100) % 7 == 3, 1e-310, 0.0) + 1e-312 * np.arange(100)
+    values = resample_uniform(time, x, 100.0)[1]
+    assert np.all(np.abs(values) < 1e-300)
+    assert not recwarn.list
+
+
 def test_steps_and_rest_outlive_jittered_stamps():
     """Samples carried to a grid are as coarse as the rows were; an encoder at rest is as coarse, and rests exactly."""
     rng = np.random.default_rng(0)
