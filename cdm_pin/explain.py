@@ -366,16 +366,21 @@ def _simplest(explanation: Explanation, spoilt: frozenset[tuple[str, str]] = fro
     for j in range(len(accepted)):
         accepted[j] = _simplest_at(explanation, j, spoilt.union(c.key for c in accepted))
     simpler = _estimated(explanation, accepted)
-    worse = _unsound(simpler) - _unsound(explanation)
-    return _simplest(explanation, spoilt | worse) if worse - spoilt else simpler
+    worse = _unsound(simpler, explanation) - spoilt
+    return _simplest(explanation, spoilt | worse) if worse else simpler
 
 
-def _unsound(explanation: Explanation) -> frozenset[tuple[str, str]]:
-    """List the laws whose coefficients are not such as they may have."""
+def _unsound(explanation: Explanation, before: Explanation) -> frozenset[tuple[str, str]]:
+    """List the laws that stood not there before and whose coefficients are not such as they may have.
+
+    What the others leave nothing of has none: it is superfluous.
+    """
     effects, out = [f.candidate for f in explanation.found], set()
+    known = {f.candidate.key for f in before.found}
     for j, found in enumerate(explanation.found):
         law, score, others = found.candidate, found.score, [*effects[:j], *effects[j + 1 :]]
-        if law.named and not (np.isfinite(score.statistic) and law.is_plausible(score.beta, others)):
+        sound = np.isfinite(score.statistic) and law.is_plausible(score.beta, others)
+        if law.named and law.key not in known and score.k and not sound:
             out.add(law.key)
     return frozenset(out)
 
@@ -500,7 +505,7 @@ def _peakless(explanation: Explanation, least: float = 2.0) -> Explanation:
 def _with(explanation: Explanation, effects: list[Candidate]) -> Explanation:
     """Give the explanation by these effects, unless that makes one of them no such law; see `_estimated`."""
     changed = _estimated(explanation, effects)
-    return explanation if _unsound(changed) - _unsound(explanation) else changed
+    return explanation if _unsound(changed, explanation) else changed
 
 
 def _estimated(explanation: Explanation, effects: list[Candidate]) -> Explanation:

@@ -842,14 +842,17 @@ def test_a_law_that_would_drive_is_unsound():
     law = CATALOGUE["friction_drift"]
     candidate = Candidate(law, law.places(load_model("urdf/cdm2.yaml"))[0], (0.01, 5.0))
 
-    def unsound(beta, statistic=100.0):
-        found = SimpleNamespace(candidate=candidate, score=Score(statistic, 2, np.array(beta), 1.0, 1.0))
-        return explain._unsound(SimpleNamespace(found=(found,)))
+    def unsound(beta, statistic=100.0, k=2):
+        found = SimpleNamespace(candidate=candidate, score=Score(statistic, k, np.array(beta), 1.0, 1.0))
+        explanation = SimpleNamespace(found=(found,))
+        assert not explain._unsound(explanation, explanation)  # what stood there before
+        return explain._unsound(explanation, SimpleNamespace(found=()))
 
     assert not unsound([1.0, 0.5])
     assert not unsound([1.0, -0.5])
     assert unsound([1.0, -1.5]) == {candidate.key}
     assert unsound([1.0, 0.5], -np.inf) == {candidate.key}
+    assert not unsound([0.0, 0.0], -np.inf, 0)  # superfluous
 
 
 @pytest.mark.parametrize(("delay", "resolved"), [(6e-5, False), (5e-4, True)])
