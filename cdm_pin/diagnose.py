@@ -42,7 +42,7 @@ from .recording import Recording
 from .regions import region
 from .replay import Replay, simulated_position
 from .replay_runs import replay_runs
-from .selection import Bank, Fit, ProgressCallback, Search, Settings, all_candidates, errors, rms
+from .selection import Bank, Fit, ProgressCallback, Search, Settings, all_candidates, errors, rms, still_errors
 from .soft import looser, softest
 from .unexplained import (
     at_corrections,
@@ -85,7 +85,7 @@ SURE = 15.0
 RARE = 4.7
 """By how many times the root of what is due chance takes from it in one of a hundred cases."""
 FAR = 25.0
-"""Squared error on unseen recordings, in units of the noise, beside which a finding has to carry nearly all."""
+"""Squared error on unseen recordings, in units of the noise, beside which a finding has to carry most of it."""
 SCHEMA = "cdm_pin.diagnosis/1"
 
 
@@ -276,10 +276,7 @@ def _swinging(
         return first
     if seen is not None:
         judges = [_judge(seen, e) for e in (first, again)]
-        rests = [
-            rms(judge, judge.still(errors(judge, e.fit.base, e.fit.effects, e.fit.beta)))
-            for judge, e in zip(judges, (first, again), strict=True)
-        ]
+        rests = [rms(judge, still_errors(judge, e.fit)) for judge, e in zip(judges, (first, again), strict=True)]
         if np.mean((rests[1] / np.maximum(rests[0], 1e-12)) ** 2) > 1.0:
             return first
     return again
@@ -610,7 +607,7 @@ def _due(judge: Search, explanation: Explanation, j: int) -> float:
 def _plain(judge: Search, fit: Fit, *others: Fit) -> list[float]:
     """Give the squared errors of fits on the unseen recordings, drifts aside, in units of the first one's noise."""
     level = np.maximum(noise_floor(judge, fit.effects), 1e-12)
-    return [_weighted(judge, judge.still(errors(judge, f.base, f.effects, f.beta)), level) for f in (fit, *others)]
+    return [_weighted(judge, still_errors(judge, f), level) for f in (fit, *others)]
 
 
 def _carries(judge: Search, explanation: Explanation, j: int) -> bool:
@@ -626,8 +623,7 @@ def _is_loud_there(judge: Search, explanation: Explanation, j: int) -> bool:
         return False
     fits = explanation.fit, explanation.search.without(explanation.fit, j)
     own = np.abs(place.weights(model)) > 0.0
-    left = (rms(judge, judge.still(errors(judge, f.base, f.effects, f.beta))) for f in fits)
-    with_it, without_it = (x[: model.n_motors][own] ** 2 for x in left)
+    with_it, without_it = (rms(judge, still_errors(judge, f))[: model.n_motors][own] ** 2 for f in fits)
     return bool(np.any(with_it < MOSTLY * without_it))
 
 

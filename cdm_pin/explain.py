@@ -39,6 +39,7 @@ from .selection import (
     family_wise,
     inside_of,
     rms,
+    still_errors,
     tones,
 )
 from .whitening import Whitener, log_likelihood
@@ -366,7 +367,7 @@ def _simplest(explanation: Explanation, spoilt: frozenset[tuple[str, str]] = fro
     for j in range(len(accepted)):
         accepted[j] = _simplest_at(explanation, j, spoilt.union(c.key for c in accepted))
     simpler = _estimated(explanation, accepted)
-    worse = _unsound(simpler, explanation) - spoilt
+    worse = _unsound(simpler, explanation)
     return _simplest(explanation, spoilt | worse) if worse else simpler
 
 
@@ -899,7 +900,7 @@ def _worsens(search: Search, fit: Fit, candidate: Candidate, most: float = 10.0)
     may cancel each other.
     """
     both = search.fit([*fit.effects, candidate], fit.whitener)
-    own, other = (rms(search, search.still(errors(search, f.base, f.effects, f.beta))) for f in (both, fit))
+    own, other = (rms(search, still_errors(search, f)) for f in (both, fit))
     return bool(np.mean((own / np.maximum(other, 1e-300)) ** 2) > most**2)
 
 

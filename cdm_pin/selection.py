@@ -444,7 +444,7 @@ class Search:
             return False
         own = self.fit([c for c in fit.effects if c.named], fit.whitener).base[self.n_bodies : self.n_rigid]
         drift = [np.tensordot(own, columns, 1) for columns in self.drift.columns]
-        rest = self.still(errors(self, fit.base, fit.effects, fit.beta))
+        rest = still_errors(self, fit)
         return bool(np.any(rms(self, drift) > LOUD * rms(self, rest)))
 
     def judge(self, problem: Problem) -> Search:
@@ -999,9 +999,8 @@ class Search:
         """
         known = self._instants.get(fit)
         if known is None:
-            delays = [c for c in all_candidates(self.problem, ("time_delay",)) if not c.place.index]
-            if not self.problem.torque or any(c.effect.name == "time_delay" for c in fit.effects):
-                delays = []
+            told = not self.problem.torque or any(c.effect.name == "time_delay" for c in fit.effects)
+            delays = [c for c in all_candidates(self.problem, () if told else ("time_delay",)) if not c.place.index]
             share = PUNCTUAL / self.problem.motions[0].rate
             rows = [share * self.white(fit.whitener, self.columns(c)) for c in delays]
             known = self._instants.keep(fit.rest(np.concatenate([np.zeros((0, fit.n_rows)), *rows])), fit)
@@ -1199,6 +1198,11 @@ def errors(search: Search, base: Vector, effects: Sequence[Candidate], beta: Seq
             e = e - np.tensordot(b, columns[r], 1)
         out.append(e)
     return out
+
+
+def still_errors(search: Search, fit: Fit) -> list[Vector]:
+    """Compute what a fit leaves of a search's recordings, drifts aside."""
+    return search.still(errors(search, fit.base, fit.effects, fit.beta))
 
 
 def rms(search: Search, errors: Sequence[Vector]) -> Vector:

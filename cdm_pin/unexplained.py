@@ -16,7 +16,7 @@ from .model import CableModel
 from .motion import Motion
 from .problem import Problem, Run
 from .regions import change_time
-from .selection import Fit, Search, errors, rms
+from .selection import Fit, Search, rms, still_errors
 from .signals_filters import differentiate, lowpass
 from .spectra import tone_peaks, wandering
 from .unseen import deviance_unseen
@@ -186,7 +186,7 @@ def beyond_training(search: Search, judge: Search, fit: Fit, limit: float = 4.0)
     own = _floor(search, fit, _least(search))
     floor = np.maximum(np.minimum(_floor(judge, fit, _least(judge)), LOUDER * own), _least(judge))
     anew = judge.left_over(fit.effects, smooth=False)[1].rms  # other poses may need masses that the training left open
-    rest = judge.still(errors(judge, fit.base, fit.effects, fit.beta))
+    rest = still_errors(judge, fit)
     size = rms(judge, rest)
     times = np.minimum(2.0 * anew, size) / floor
     worst = int(np.argmax(times))

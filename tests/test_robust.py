@@ -8,7 +8,7 @@ import pytest
 from trials import loaded_trial
 
 from cdm_pin import diagnose as diagnosis
-from cdm_pin import explain, unexplained
+from cdm_pin import explain, selection, unexplained
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.diagnose import diagnose
 from cdm_pin.dynamics import inverse_dynamics
@@ -817,7 +817,7 @@ def test_a_finding_is_loud_where_it_takes_most_of_the_error(monkeypatch, left, l
     place = next(p for p in CATALOGUE["coulomb_friction"].places(model) if p.location == {"kind": "motor", "index": 2})
     candidate = Candidate(CATALOGUE["coulomb_friction"], place, (0.1,))
     fits = {name: SimpleNamespace(base=name, effects=(), beta=()) for name in ("with", "without")}
-    monkeypatch.setattr(diagnosis, "errors", lambda judge, base, effects, beta: base)
+    monkeypatch.setattr(selection, "errors", lambda judge, base, effects, beta: base)
     monkeypatch.setattr(diagnosis, "rms", lambda judge, name: np.array({"with": [8.9, 1.0], "without": left}[name]))
     judge = SimpleNamespace(problem=SimpleNamespace(model=model), still=lambda name: name)
     explanation = SimpleNamespace(
@@ -902,7 +902,7 @@ def test_encoders_on_both_sides_may_be_off_alike(tmp_path):
 @pytest.mark.parametrize(("size", "worse"), [(0.5, False), (9.0, False), (11.0, True)])
 def test_what_makes_the_plain_error_larger_explains_nothing(monkeypatch, size, worse):
     """Nothing is found that makes the error ten times larger, whatever it does where the noise is said to be small."""
-    monkeypatch.setattr(explain, "errors", lambda search, base, effects, beta: [np.full((2, 50), base)])
+    monkeypatch.setattr(selection, "errors", lambda search, base, effects, beta: [np.full((2, 50), base)])
     monkeypatch.setattr(explain, "rms", lambda search, left: np.sqrt(np.mean(left[0] ** 2, axis=1)))
     without, both = (SimpleNamespace(base=x, effects=(), beta=(), whitener=None) for x in (1.0, size))
     search = SimpleNamespace(fit=lambda effects, whitener: both, still=lambda left: left)
