@@ -48,6 +48,7 @@ from .unexplained import (
     at_corrections,
     beyond_floor,
     beyond_training,
+    bursting_torque,
     is_far,
     moving_torque,
     nameless,
@@ -76,6 +77,8 @@ MOSTLY = 0.4
 """Share that is left on its motors of the squared error by a finding that is louder there than all else."""
 LIKE = 0.5
 """How like it the unseen recordings have to make such a finding by themselves."""
+VAGUE = 2.0
+"""Standard errors, by unseen recordings too, up to which what stands beside something unexplained may be none."""
 CLOSE = 2.0
 """Whitened sum of squares on unseen recordings, per sample, up to which a finer law may be told by them."""
 BLIND = 3.0
@@ -371,7 +374,7 @@ def _judged(judge: Search, explanation: Explanation) -> Explanation:
     """
     withdrawn: list[Candidate] = []
     patched = False
-    for _ in range(2 * explanation.search.settings.most):
+    for _ in range(2 * explanation.search.most):
         before, explanation = explanation, _reconsidered(judge, explanation)
         if explanation is not before:
             effects = [f.candidate for f in explanation.found]
@@ -703,7 +706,7 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
                 place = unexplained["location"]
                 stated = {j: v for j, v in stated.items() if explanation.found[j].candidate.location != place}
     if unexplained is None and not stated:
-        unexplained = swinging_torque(search)
+        unexplained = swinging_torque(search) or bursting_torque(search, judge, fit)
     for j, values in stated.items():
         stated[j] = fi.with_law_errors(search, fit, j, covariance, where[j], values)
     lasting = [j for j in stated if fit.effects[j].effect.name not in ONCE]
@@ -712,6 +715,8 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
         for j in lasting:
             both = (covariance + unseen)[np.ix_(where[j], where[j])]
             stated[j] = fi.with_scatter(fit.effects[j], fit.beta[j], step[where[j]], both, stated[j])
+        if unexplained is not None:  # what the recordings disagree about may be part of that
+            stated = {j: v for j, v in stated.items() if max(fi.sizes_in_errors(v).values(), default=np.inf) > VAGUE}
     items = [_finding(search, judge, explanation, j, values) for j, values in stated.items()]
     written = fitted if explanation.everywhere else stated  # also those whose names are not sure
     records = [

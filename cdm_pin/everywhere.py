@@ -20,6 +20,8 @@ from .selection import Bank, Fit, Search
 FRICTION = ("viscous_friction", "coulomb_friction", "torque_offset")
 LOUD = 170.0
 """Fall of the whitened sum of squares by the friction of one axis that is many times any threshold."""
+MANY, APART = 4, 2.0
+"""Axes that rub, and how many times what these leave the laws found first leave over, so that those are no start."""
 SLIP = 0.03
 """Distance of the middle element of a hysteresis, over the range of its coordinate."""
 
@@ -51,7 +53,8 @@ def rubs_everywhere(search: Search, bank: Bank, found: Sequence[Candidate], leas
     loud = int(np.sum(np.array(worth) > LOUD))
     rubbing = {(c.place.A, c.place.B): 1 + c.place.is_pair for c in all_found if c.place.A and _rubs(c)}
     few = loud >= sum(rubbing.values()) + 2  # most are yet to be found
-    n = model.n_motors if few else len(axes)
+    slow = loud >= MANY and alone.deviance > APART * whole  # or what was found first stands for what is not yet
+    n = model.n_motors if few or slow else len(axes)
     if loud < max(least, 0.75 * n) or spread <= max(2.0, 0.3 * n):
         return False
     rigid = search.fit([], clear)

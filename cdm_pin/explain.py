@@ -185,8 +185,9 @@ def explain(
         ]
     )
     accepted = list(start)
-    for turn in range(4):
-        say("searching", 0.1 + 0.2 * turn)
+    turns = 1 + search.most // search.settings.at_once
+    for turn in range(turns):
+        say("searching", 0.1 + 0.8 * turn / turns)
         search, bank, grown = _grow(search, bank, accepted, say)
         if not turn and grown and rubs_everywhere(search, bank, grown):
             return _everything(search, bank, say)
@@ -611,7 +612,7 @@ def _grow(search: Search, bank: Bank, accepted: list[Candidate], say: Reporter) 
     torques are renewed each time.
     """
     for _ in range(search.settings.at_once):
-        if len(accepted) >= search.settings.most:
+        if len(accepted) >= search.most:
             break
         fit = search.fit(accepted)
         clear = search.fit(accepted, search.clear(accepted))
@@ -747,7 +748,7 @@ def _given_up(
 
 def _has_a_name(search: Search, bank: Bank, grown: list[Candidate], patched: list[Candidate]):
     """Whether one more effect of the catalogue explains all that a correction without a name would."""
-    if len(grown) >= search.settings.most:
+    if len(grown) >= search.most:
         return False
     clear = search.fit(grown, search.clear(grown))
     new = [c for c in patched if not c.named and c not in grown]
@@ -765,7 +766,7 @@ def _beside_looser(
 
     Estimated without it, they may have taken most of it up, such as a ratio of two motors what a gain is off by.
     """
-    if not grown or len(grown) >= search.settings.most:
+    if not grown or len(grown) >= search.most:
         return None
     clear = search.fit(grown, search.clear(grown))
     loose = search.loosened(clear)

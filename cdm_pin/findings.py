@@ -246,12 +246,7 @@ def is_known(
     ratio = values.get("ratio") if candidate.effect.name == "transmission_coupling" else None
     if ratio is not None and abs(ratio["value"]) <= least * ratio["std"]:  # with which joint, then?
         return False
-    sizes = {
-        name: abs(v["value"] - (name == "gain")) / max(v["std"], 1e-300)
-        for name, v in values.items()
-        if name not in SHAPES
-    }
-    k = len(beta)
+    sizes, k = sizes_in_errors(values), len(beta)
     std = np.sqrt(np.maximum(np.diag(covariance)[:k], 1e-300))
     z = beta / std
     own, n = z[: len(candidate.effect.signs)], 0  # without what details the sign of a velocity; as many known together
@@ -264,6 +259,15 @@ def is_known(
         return True
     together = np.linalg.pinv(covariance[:n, :n] / std[:n, None] / std[:n], rcond=1e-9, hermitian=True)
     return n > 0 and bool(log_p(float(z[:n] @ together @ z[:n]), n) < log_p(least**2, 1))
+
+
+def sizes_in_errors(values: dict[str, dict[str, Any]]) -> dict[str, float]:
+    """Give the parameters that say how large an effect is (a gain from one) in units of their standard errors."""
+    return {
+        name: abs(v["value"] - (name == "gain")) / max(v["std"], 1e-300)
+        for name, v in values.items()
+        if name not in SHAPES
+    }
 
 
 def is_above_steps(search: Search, candidate: Candidate, values: dict[str, dict[str, Any]]) -> bool:

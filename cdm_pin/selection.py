@@ -15,6 +15,7 @@ from scipy.optimize import minimize_scalar
 from .base import BaseParameters, massive_columns
 from .completed import effect_candidates
 from .drift import LONG, LOUD, QUICKER, Drift, drift_columns, drifting_channels, slow_shapes, without_drift
+from .dynamics import inverse_dynamics
 from .effects import CATALOGUE, GIVES, RATIOS, Candidate, Columns, Identity
 from .geometry import Vector
 from .model import CableModel
@@ -53,7 +54,7 @@ class Settings:
     order : int
         Of the autoregressive noise.
     most : int
-        Effects at most.
+        Effects at most, where there are not so many motors that two for each are more (`Search.most`).
     at_once : int
         Effects that are added before a correction without a name is weighed against them.
     """
@@ -280,7 +281,13 @@ class Search:
         self._drifts: Recent = Recent(8)
         self._lags: Recent = Recent(8)
         self._instants: Recent = Recent(8)
+        self._sides: Recent = Recent(8)
         self._stretched: Recent = Recent(8)
+
+    @property
+    def most(self) -> int:
+        """Effects at most: each motor's axis may rub in two ways."""
+        return max(self.settings.most, 2 * self.problem.model.n_motors)
 
     def about(self, fit: Fit) -> Search:
         """Give the same search about a fit: its inertial parameters, and the torques that its effects bring."""
@@ -1004,6 +1011,34 @@ class Search:
             share = PUNCTUAL / self.problem.motions[0].rate
             rows = [share * self.white(fit.whitener, self.columns(c)) for c in delays]
             known = self._instants.keep(fit.rest(np.concatenate([np.zeros((0, fit.n_rows)), *rows])), fit)
+        return known
+
+    def sides(self, fit: Fit) -> Vector:
+        """Give what the rigid body takes more where joints accelerate as one motor says and not as each one's encoder.
+
+        Of more joints than motors some move together. Links turn with their own encoders, rotors with what all of these
+        make of their motor: where one is finer than the others, inertia seems to be on the other side.
+
+        Returns
+        -------
+        ndarray, shape (n, n_rows)
+            One per joint, whitened, as far as the fit leaves it over; none where no joints move together.
+        """
+        problem, model = self.problem, self.problem.model
+        if not (problem.torque and problem.motions[0].joints_measured and model.n_joints > model.n_motors):
+            return np.zeros((0, fit.n_rows))
+        known = self._sides.get(fit)
+        if known is None:
+
+            def columns(motion: Motion) -> Columns:
+                apart = motion.a_m @ model.joint_from_motor.T - motion.a
+                own = inverse_dynamics(motion.model, motion.q, motion.v, motion.a)
+                each = [motion.a + apart * axis for axis in np.eye(model.n_joints)]
+                more = [inverse_dynamics(motion.model, motion.q, motion.v, a) - own for a in each]
+                return Columns(np.stack([model.motor_torque(x) for x in more], axis=-1))
+
+            rows = self.white(fit.whitener, [lines.dense() for lines in problem.reduce(columns)])
+            known = self._sides.keep(fit.rest(rows), fit)
         return known
 
     def stretches(self, fit: Fit) -> list[Vector]:

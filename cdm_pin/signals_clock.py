@@ -20,6 +20,8 @@ from .recording import Recording
 from .signals_filters import differentiate, lowpass, resample_uniform, stretches
 
 LEAST = 2e-3  # of a step: what rows are off their stamps in the highest band, else there is nothing to put right
+SLOW = 0.1  # of a joint's speed (rms), below which it tells no displacement from what its encoder rounds
+EVEN = 0.2  # of the size of delays in a lower band (rms), that half of them have: a few starts and stops are the motion
 STUCK = 5  # rows: a longer run of equal rows is a stretch without data, a shorter one a logger that read too early
 
 
@@ -126,15 +128,14 @@ def sampling_instants(time: np.ndarray, positions: np.ndarray, agreement: float 
     instants, first, largest = np.array(time), None, np.inf
     low, high = 0.2 / step, np.inf
     while low * (time[-1] - time[0]) > 20:
-        shift, agreed, weight = _common_shift(instants, positions, step, low, high)
-        size = float(np.std(shift))
+        shift, agreed, weight, size = _common_shift(instants, positions, step, low, high)
         irregular = size > LEAST * step if first is None else size < 2 * largest  # a delay that grows is the motion
         if agreed < agreement or not irregular:
             break
         first, largest = agreed if first is None else first, size
         instants = instants + shift
         for _ in range(3):  # what the flanks of the filters left over; with the weights that were agreed on
-            instants = instants + _common_shift(instants, positions, step, low, high, weight)[0]
+            instants = instants + _common_shift(instants, positions, step, low, high, weight, size)[0]
         low, high = low / 2, low
     if first is None:
         return None
@@ -148,11 +149,18 @@ def sampling_instants(time: np.ndarray, positions: np.ndarray, agreement: float 
 
 
 def _common_shift(
-    time: np.ndarray, x: np.ndarray, step: float, low: float, high: float, weight: np.ndarray | None = None
-) -> tuple[np.ndarray, float, np.ndarray]:
+    time: np.ndarray,
+    x: np.ndarray,
+    step: float,
+    low: float,
+    high: float,
+    weight: np.ndarray | None = None,
+    size: float = np.inf,
+) -> tuple[np.ndarray, float, np.ndarray, float]:
     """Give the delay of each row that explains the displacements between `low` and `high` [Hz].
 
-    Returns it with the agreement between joints, and the joints' weights; given those, only the delay is computed.
+    Returns it with the agreement between joints, the joints' weights, and the size that delays have while the joints
+    are quick; given weights and size, only the delay is computed. Rows that hardly move tell none larger than that.
     """
     kept = _leave_out_ties(time, np.ones(len(time), bool))
     grid, on_grid = resample_uniform(time[kept], x[kept], 1 / step)
@@ -169,14 +177,20 @@ def _common_shift(
     for k in np.flatnonzero(np.diff(rows) > max(5 * step, 0.25 / low)):
         trusted &= (time < rows[k] - 1 / low) | (time > rows[k + 1] + 1 / low)
     if trusted.sum() < 32:
-        return np.zeros(len(rows)), -np.inf, np.ones(x.shape[1])
+        return np.zeros(len(rows)), -np.inf, np.ones(x.shape[1]), step
+
+    def delay(weight: np.ndarray, size: float) -> np.ndarray:
+        shift = _weighted(velocity, displacement, weight, min(size, step))
+        return np.interp(rows, time, _bounded(shift, trusted, step))
+
     if weight is not None:
-        shift = _weighted(velocity, displacement, weight, step)
-        return np.interp(rows, time, _bounded(shift, trusted, step)), np.inf, weight
+        return delay(weight, size), np.inf, weight, size
     rest, span = displacement, np.ptp(x, axis=0)
     found = np.ones(x.shape[1])
+    moves = trusted[:, None] & (np.abs(velocity) > SLOW * np.sqrt(np.mean(velocity[trusted] ** 2, axis=0)))
     for _ in range(4):
-        scatter = 1.48 * np.median(np.abs(rest[trusted]), axis=0) + 1e-9 * span
+        scatter = [1.48 * np.median(np.abs(r[m])) if m.any() else 0.0 for r, m in zip(rest.T, moves.T, strict=True)]
+        scatter = np.array(scatter) + 1e-9 * span
         found = np.where(span > 0, 1 / np.where(span > 0, scatter, 1.0) ** 2, 0.0)  # a locked joint tells nothing
         rest = displacement - velocity * _weighted(velocity, displacement, found, step)[:, None]
     power = np.mean(displacement[trusted] ** 2, axis=0)
@@ -189,16 +203,21 @@ def _common_shift(
         scores[j] = max(1 - np.mean(error[trusted] ** 2) / power[j], -1.0)
     told = found * speed * moving
     agreed = float(scores @ told / told.sum()) if moving.sum() >= 2 else -np.inf
-    return np.interp(rows, time, _bounded(_weighted(velocity, displacement, found, step), trusted, step)), agreed, found
+    worth = np.where(trusted, velocity**2 @ found, 0.0)
+    quick = worth >= worth[trusted].mean()
+    shift = _bounded(_weighted(velocity, displacement, found, step), trusted & quick, step)
+    size = max(float(np.sqrt(np.mean(shift[quick & trusted] ** 2))), 1e-9 * step)
+    agreed = agreed if not np.isfinite(high) or EVEN * size < np.median(np.abs(shift[quick & trusted])) else -np.inf
+    return delay(found, size), agreed, found, size
 
 
 def _bounded(shift: np.ndarray, trusted: np.ndarray, step: float) -> np.ndarray:
     return np.where(trusted, np.clip(shift, -2 * step, 2 * step), 0.0)
 
 
-def _weighted(velocity: np.ndarray, displacement: np.ndarray, weight: np.ndarray, step: float) -> np.ndarray:
-    """Fit displacement = velocity * shift per row, with a prior of one step on the shift."""
-    return (weight * velocity * displacement).sum(axis=1) / ((weight * velocity**2).sum(axis=1) + 1 / step**2)
+def _weighted(velocity: np.ndarray, displacement: np.ndarray, weight: np.ndarray, size: float) -> np.ndarray:
+    """Fit displacement = velocity * shift per row, where shifts are of some size."""
+    return (weight * velocity * displacement).sum(axis=1) / ((weight * velocity**2).sum(axis=1) + 1 / size**2)
 
 
 def _leave_out_ties(time: np.ndarray, keep: np.ndarray) -> np.ndarray:

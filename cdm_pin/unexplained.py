@@ -40,6 +40,10 @@ STEADY = 30.0
 """Slow power over quick power that no travel between two encoders has; these do not drift."""
 LEAP = 0.4
 """Time on either side of a leap in which a travel is averaged [s]."""
+BURSTS = 3.0
+"""How many times what it mostly is a residual is on the whole (rms) that is no noise of sensors."""
+MOVING = 0.1
+"""Share of a joint's speed (rms) from which on it moves."""
 HIGHEST = 20.0
 """Frequency up to which a line is taken for a disturbance of the arm [Hz]; above it mains and amplifiers hum."""
 
@@ -307,6 +311,38 @@ def ringing_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
         return None
     frequency = float(noise.centres[np.argmax(own[worst])]) * problem.band.reduced_rate
     return _torque_that(f"rings at about {frequency:.2g} Hz", _inside(rest, problem), problem.model)
+
+
+def bursting_torque(search: Search, judge: Search | None, fit: Fit) -> dict[str, Any] | None:
+    """Say where a torque is far off for short times, in all recordings alike, and near its noise else; None if nowhere.
+
+    What takes part of the spectrum of such a residual for that of noise finds nothing in it. While a robot rests there
+    is less noise; that does not count.
+    """
+    if not search.problem.torque:
+        return None
+    both = [there for there in (search, judge) if there is not None and any(there.problem.segments)]
+    ratios, own = [], []
+    for there in both:
+        problem, m = there.problem, there.problem.model.n_motors
+        usual = np.sqrt(np.mean(np.concatenate([motion.v for motion in problem.motions]) ** 2, axis=0))
+        inside = []
+        for e, run, segments in zip(still_errors(there, fit), problem.runs, problem.segments, strict=True):
+            moves = np.any(np.abs(run.motion.v[:: problem.band.step]) > MOVING * usual, axis=1)
+            inside += [e[:m, a:b][:, moves[a:b]] for a, b in segments]
+        rest = np.concatenate(inside, axis=1)
+        if rest.shape[1] < 100:
+            return None
+        size, mostly = np.sqrt(np.mean(rest**2, axis=1)), 1.4826 * np.median(np.abs(rest), axis=1)
+        loud = size > FAR * np.hypot(_least(there), _accuracy(there, fit))[:m]
+        ratios.append(np.where(loud, size / np.maximum(mostly, 1e-300), 0.0))
+        own.append(size)
+    ratio = np.min(ratios, axis=0) if ratios else np.zeros(1)
+    worst = int(np.argmax(ratio))
+    if ratio[worst] < BURSTS:
+        return None
+    words = f"in short bursts, in which the error of motor {worst + 1} is far above what it mostly is"
+    return something("motor", worst + 1, words, float(own[0][worst]))
 
 
 def _rises(power: Vector) -> Vector:

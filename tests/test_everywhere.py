@@ -104,8 +104,16 @@ def test_friction_at_every_motor_is_everywhere(monkeypatch, found, everywhere):
     assert rubs_everywhere(search, bank, rubs[:found]) == everywhere
 
 
-def rubbing(monkeypatch, axes, law):
-    """Give stubs of a search in which friction along the first three of some axes explains 1000 each."""
+@pytest.mark.parametrize(("each", "everywhere"), [(1500.0, True), (500.0, False)])
+def test_what_leaves_far_more_than_friction_at_every_motor_is_no_start(monkeypatch, each, everywhere):
+    """Four of seven axes rub and three were found: one more effect, unless it is most of what they leave."""
+    axes = np.concatenate([np.eye(4), [[1.0, 1, 0, 0], [0, 1, 1, 0], [0, 0, 1, 1]]])
+    search, bank, rubs = rubbing(monkeypatch, axes, 100.0, n=4, each=each)
+    assert rubs_everywhere(search, bank, rubs[:3]) == everywhere
+
+
+def rubbing(monkeypatch, axes, law, n=3, each=1000.0):
+    """Give stubs of a search in which friction along the first few of some axes explains as much each."""
     places = [
         SimpleNamespace(
             location={"kind": "motor", "index": k}, A=(k,), B=(), is_pair=False, weights=lambda model, w=w: w
@@ -117,11 +125,11 @@ def rubbing(monkeypatch, axes, law):
     bank = SimpleNamespace(corrections="corrections", laws=laws)
 
     def fit(effects, noise):
-        there = {c.place.location["index"] for c in effects} & {0, 1, 2}
-        return SimpleNamespace(deviance=4000.0 - 1000.0 * len(there), n_rows=900)
+        there = {c.place.location["index"] for c in effects} & set(range(n))
+        return SimpleNamespace(deviance=1000.0 + each * (n - len(there)), n_rows=900)
 
     search = SimpleNamespace(
-        problem=SimpleNamespace(torque=True, model=SimpleNamespace(n_motors=3)),
+        problem=SimpleNamespace(torque=True, model=SimpleNamespace(n_motors=n)),
         clear=lambda effects: None,
         fit=fit,
         score_all=lambda fit, part: [SimpleNamespace(statistic=law if part is laws else 500.0)],

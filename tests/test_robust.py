@@ -23,7 +23,7 @@ from cdm_pin.effects import (
     joint_places,
     pair_places,
 )
-from cdm_pin.findings import absorbed, is_above_steps, is_known, is_plainer, with_law_errors
+from cdm_pin.findings import absorbed, is_above_steps, is_known, is_plainer, sizes_in_errors, with_law_errors
 from cdm_pin.model import load_model
 from cdm_pin.patches import PATCHES
 from cdm_pin.problem import Problem, make_problem
@@ -536,7 +536,9 @@ def test_what_failed_only_beside_another_stays(monkeypatch, kept_out):
     So may a law that the withdrawn one kept out; one that does not help is not asked for again.
     """
     worth = {"wrong": -5.0, "right": -1.0, "sound": 9.0, "kept out": 5.0, "as wrong": -5.0}
-    search = SimpleNamespace(settings=Settings(), without=lambda fit, j: -worth[fit[j]], renewed=lambda bank: bank)
+    search = SimpleNamespace(
+        settings=Settings(), most=6, without=lambda fit, j: -worth[fit[j]], renewed=lambda bank: bank
+    )
     helps = {"wrong": False, "as wrong": False, "sound": True, "kept out": True}
 
     def explanation(names):
@@ -772,6 +774,65 @@ def test_an_offset_between_encoders_is_not_an_error_of_a_soft_cable(monkeypatch,
     monkeypatch.setattr(explain, "errors", lambda *_: [abs(offset) * column[0]])
     law = Candidate(CATALOGUE["encoder_offset"], CATALOGUE["encoder_offset"].places(load_model("urdf/cdm2.yaml"))[0])
     assert explain._outdoes_in_means(search, law, np.array([offset]), fit) == outdoes
+
+
+def swept(model, seed, noise=0.0, excess=None):
+    """Log half a minute of a motion of an arm: torques with noise, and what may be too much; noisy joint positions."""
+    rng, t = np.random.default_rng(seed), np.arange(6000) / 200
+    n, w = model.n_motors, 2 * np.pi * np.array([0.13, 0.31, 0.57])[:, None, None]
+    b, phase = rng.uniform(0.1, 0.3, (3, 1, n)), rng.uniform(0, 6.28, (3, 1, n))
+    wave = w * t[None, :, None] + phase
+    q, v, a = (f.sum(axis=0) for f in (b * np.sin(wave), b * w * np.cos(wave), -b * w**2 * np.sin(wave)))
+    E = model.joint_from_motor
+    q, v, a = q @ E.T + model.offset, v @ E.T, a @ E.T
+    tau = model.motor_torque(inverse_dynamics(model, q, v, a))
+    tau = tau + (0.0 if excess is None else excess(tau)) + 0.003 * rng.normal(size=tau.shape)
+    q = q + noise * rng.normal(size=q.shape)
+    return Recording(t, {"joint_position": q, "motor_torque": tau}, label=f"run {seed}")
+
+
+def search_of(model, recording):
+    base = base_parameters(model, columns=massive_columns(model))
+    return Search(make_problem(model, [recording]), base, Settings())
+
+
+def test_joints_that_move_together_by_noisy_encoders_show_no_rotor():
+    """The links' accelerations are those of single encoders, the rotors' those of all: the torque tells them apart."""
+    model = load_model("urdf/real/psm3.yaml")
+    search = search_of(model, swept(model, 0, noise=3e-3))
+    fit = search.fit([])
+    rotors = all_candidates(search.problem, ["rotor_inertia"])
+    plain = max(search.score(fit, c).statistic for c in rotors)
+    assert plain > 10.0
+    assert max(robust_score(search, fit, c).statistic for c in rotors) < 0.3 * plain
+    cdm2 = load_model("urdf/cdm2.yaml")
+    assert not len(search_of(cdm2, swept(cdm2, 0)).sides(fit))
+
+
+def test_bursts_that_pass_for_noise_are_told():
+    """An amplifier that gives no more than so much, while its command is logged, is off for short times alone."""
+    model, told = load_model("urdf/cdm2.yaml"), []
+    for over in (0.0, 10.0):
+
+        def excess(tau, over=over):
+            most = np.quantile(np.abs(tau[:, 0]), 0.985)
+            return np.column_stack([over * np.sign(tau[:, 0]) * np.maximum(np.abs(tau[:, 0]) - most, 0), 0 * tau[:, 0]])
+
+        train, judge = (search_of(model, swept(model, seed, noise=1e-6, excess=excess)) for seed in (1, 2))
+        told.append(unexplained.bursting_torque(train, judge, train.fit([])))
+    assert told[0] is None
+    assert told[1]["location"] == {"kind": "motor", "index": 1}
+
+
+@pytest.mark.parametrize(("arm", "most"), [("cdm2", 6), ("spatial7", 14)])
+def test_two_effects_may_be_at_each_motor(arm, most):
+    model = load_model(f"urdf/{arm}.yaml")
+    assert search_of(model, swept(model, 0)).most == most
+
+
+def test_a_gain_is_as_large_as_it_differs_from_one():
+    values = {"gain": {"value": 1.06, "std": 0.02}, "phase": {"value": 9.0, "std": 0.1}}
+    assert sizes_in_errors(values) == {"gain": pytest.approx(3.0)}
 
 
 def test_what_instants_are_unsure_by_is_no_friction(tmp_path):

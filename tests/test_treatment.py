@@ -202,6 +202,24 @@ def test_joints_that_move_alike_are_no_bad_clock():
     assert sampling_instants(t, np.outer(wave, [1.0, 0.5, -0.3])) is None
 
 
+def test_rows_of_a_robot_that_creeps_to_rest_tell_no_delay():
+    """Stamps rounded to 1 ms are told while joints move; where they settle the slower the displacement, none is."""
+    t, rng = np.arange(9000) / 400, np.random.default_rng(3)
+    targets = np.repeat(rng.uniform(-1.0, 1.0, (10, 2)), 900, axis=0)
+    q, v = np.zeros((2, 9000, 2))
+    for k in range(1, 9000):  # to each target in a second, then the rest of the way with a rattle that dies out
+        v[k] = v[k - 1] + (36.0 * (targets[k] - q[k - 1]) - 12.0 * v[k - 1]) / 400
+        q[k] = q[k - 1] + v[k] / 400
+    rattle = 2e-4 * np.exp(-3.0 * (t % 2.25)) * np.sin(2 * np.pi * 90.0 * t)
+    q = 5e-5 * np.round((q + rattle[:, None] * [1.0, -0.4]) / 5e-5)
+    stamps = np.round(t, 3) + 1e-9 * np.arange(9000)
+    found = sampling_instants(stamps, q)
+    instants = stamps if found is None else found[0]
+    quick = np.abs(v).max(axis=1) > 0.3 * np.abs(v).max()
+    assert np.std((instants - t)[quick]) < 0.3 * np.std((stamps - t)[quick])
+    assert np.std(instants - t) < 1.5 * np.std(stamps - t)
+
+
 def test_a_torque_that_the_robot_needs_is_not_called_wrong(monkeypatch):
     """Where a rough fit speaks against a sign, the robot's own masses decide; without them the fit does."""
     monkeypatch.setattr(signals_checks, "_t_values", lambda *_: np.array([-20.0, -20.0]))
