@@ -77,8 +77,8 @@ MOSTLY = 0.4
 """Share that is left on its motors of the squared error by a finding that is louder there than all else."""
 LIKE = 0.5
 """How like it the unseen recordings have to make such a finding by themselves."""
-VAGUE = 2.0
-"""Standard errors, by unseen recordings too, up to which what stands beside something unexplained may be none."""
+ANY, VAGUE = 1.0, 2.0
+"""Standard errors, by unseen recordings too, up to which a finding is none, and beside something unexplained."""
 CLOSE = 2.0
 """Whitened sum of squares on unseen recordings, per sample, up to which a finer law may be told by them."""
 BLIND = 3.0
@@ -715,8 +715,11 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
         for j in lasting:
             both = (covariance + unseen)[np.ix_(where[j], where[j])]
             stated[j] = fi.with_scatter(fit.effects[j], fit.beta[j], step[where[j]], both, stated[j])
-        if unexplained is not None:  # what the recordings disagree about may be part of that
-            stated = {j: v for j, v in stated.items() if max(fi.sizes_in_errors(v).values(), default=np.inf) > VAGUE}
+        least = ANY if unexplained is None else VAGUE  # what the recordings disagree about may be part of that
+        vague = [j for j, v in stated.items() if max(fi.sizes_in_errors(v).values(), default=np.inf) <= least]
+        stated = {j: v for j, v in stated.items() if j not in vague}
+        if vague and not stated:
+            unexplained = unexplained or of_no_size(explanation, vague)
     items = [_finding(search, judge, explanation, j, values) for j, values in stated.items()]
     written = fitted if explanation.everywhere else stated  # also those whose names are not sure
     records = [

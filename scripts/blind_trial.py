@@ -117,7 +117,8 @@ def tell(truth: dict[str, Any], result: Score) -> None:
     for finding in result.false_findings:
         SAY(f"  false: {finding}")
     if result.unexplained_right is not None:
-        SAY(f"  said to be unexplained, at the right joint: {'yes' if result.unexplained_right else 'no'}")
+        right = "yes" if result.unexplained_right else "no"
+        SAY(f"  said to be unexplained, at the right joint, or named as what it is the same as here: {right}")
     if result.holdout_over_floor:
         SAY(f"  torque error on the unseen run: {result.holdout_over_floor:.2f} times the noise floor")
     SAY("All right." if result.all_right else "Not all right.")

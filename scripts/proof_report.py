@@ -274,6 +274,12 @@ def _method_text(rows: Sequence[ps.Row], word: str, link: str) -> str:
         [(name, len(ps.of(rows, name)), study.text) for name, study in STUDIES.items()],
     )
     versions = f"{len(codes)} version{'s' if len(codes) != 1 else ''}"
+    strange = ps.of(rows, "strange")
+    alike = [
+        f"strange/{row['index']}"
+        for row in strange
+        if row["unexplained"] == "1" and row["verdict"] == "missing_physics"
+    ]
     faint = [f"{row['study']}/{row['index']}" for row in rows if ps.faint(row)]
     aside = f" {len(faint)} trials are left out for that: {', '.join(faint)}." if faint else ""
     return f"""## How it was done
@@ -286,6 +292,9 @@ def _method_text(rows: Sequence[ps.Row], word: str, link: str) -> str:
   clocks jittered by 5 %, joint, motor or both positions logged, 60 s at 200 Hz and as much held out.
 - **Size**: a study that asks for a visibility takes the first of 20 draws that has it, by the oracle, which knows no
   diagnosis. Where none has, as a cable may be too stiff, the trial stays in trials.csv and out of the tables.{aside}
+- **No catalogue**: a law that on its recording is one of the catalogue (a dead band of an amplifier whose torque never
+  changes its sign is a constant) may have that one's name, if what sets it apart is below a visibility of {SURE}, by
+  the oracle; that was so in {len(alike)} of {len(strange)} trials{": " + ", ".join(alike) if alike else ""}.
 - **Seal**: seeds are SHA-256 of `{word}`, the study and the trial's number. The diagnosis is handed the published files
   alone. The column `truth` of [trials.csv]({link}/trials.csv) holds the first digits of the truth's SHA-256.
 - **Again**: `scripts/proof.py --show STUDY/NUMBER` prints the command that makes a trial of this page again. All of it:

@@ -200,6 +200,16 @@ def test_effects_of_no_catalogue():
     assert score(truth(COULOMB_2), diagnosis(COULOMB_2)).unexplained_right is None
 
 
+@pytest.mark.parametrize(("alike", "right"), [(0.9999, True), (0.999, False)])
+def test_what_no_data_tell_from_a_law_may_have_its_name(alike, right):
+    """At a visibility of 100 the two likenesses leave 1.4, which nobody sees, and 4.5."""
+    concealed = truth(("torque_bump", place("joint", 2)))
+    concealed["effects"][0]["visibility"] = 100.0
+    result = score(concealed, diagnosis(COULOMB_2), lambda k, finding: alike)
+    assert (result.all_right, result.unexplained_right, not result.false_findings) == (right, right, right)
+    assert not score(concealed, diagnosis(COULOMB_2, verdict="unexplained"), lambda k, finding: 0.999).all_right
+
+
 def test_parameters_against_their_intervals():
     """True values inside and outside the stated 95 % interval are told; phases count modulo a turn."""
     true, told = truth(COULOMB_2), diagnosis(COULOMB_2)
