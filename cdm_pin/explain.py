@@ -381,10 +381,26 @@ def _unsound(explanation: Explanation, before: Explanation) -> frozenset[tuple[s
     known = {f.candidate.key for f in before.found}
     for j, found in enumerate(explanation.found):
         law, score, others = found.candidate, found.score, [*effects[:j], *effects[j + 1 :]]
-        sound = np.isfinite(score.statistic) and law.is_plausible(score.beta, others)
+        sound = np.isfinite(score.statistic) and (
+            law.is_plausible(score.beta, others) or _nearly_brakes(explanation, j)
+        )
         if law.named and law.key not in known and score.k and not sound:
             out.add(law.key)
     return frozenset(out)
+
+
+def _nearly_brakes(explanation: Explanation, j: int) -> bool:
+    """Whether finding `j` brakes everywhere (`Effect.brakes`) for all that is known: it is off that by no error."""
+    n = explanation.found[j].candidate.effect.brakes
+    if not n:
+        return False
+    fit = explanation.fit
+    start = len(fit.base) + sum(len(beta) for beta in fit.beta[:j])
+    level, depth = fit.beta[j][0], np.linalg.norm(fit.beta[j][1:n])
+    slope = np.r_[-1.0, fit.beta[j][1:n] / max(depth, 1e-300)]
+    return bool(
+        level > 0.0 and depth - level <= np.sqrt(slope @ fit.covariance[start : start + n, start : start + n] @ slope)
+    )
 
 
 def _plainest(explanation: Explanation, j: int) -> Candidate:

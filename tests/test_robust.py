@@ -830,6 +830,25 @@ def test_two_effects_may_be_at_each_motor(arm, most):
     assert search_of(model, swept(model, 0)).most == most
 
 
+@pytest.mark.parametrize(
+    ("depth", "std", "brakes"),
+    [(0.9, 0.01, True), (1.05, 0.1, True), (1.05, 0.01, False), (-1.05, 0.1, True)],
+)
+def test_friction_may_vary_by_all_of_itself_within_its_error(depth, std, brakes):
+    """Where the estimate would drive by less than its error, nobody knows that it does."""
+    law = SimpleNamespace(effect=CATALOGUE["position_dependent_friction"])
+    fit = SimpleNamespace(
+        base=np.zeros(2), beta=[np.ones(1), np.array([1.0, depth, 0.0])], covariance=std**2 * np.eye(6)
+    )
+    found = [
+        SimpleNamespace(candidate=SimpleNamespace(effect=CATALOGUE["viscous_friction"])),
+        SimpleNamespace(candidate=law),
+    ]
+    explanation = SimpleNamespace(fit=fit, found=found)
+    assert explain._nearly_brakes(explanation, 1) is brakes
+    assert not explain._nearly_brakes(explanation, 0)
+
+
 def test_a_gain_is_as_large_as_it_differs_from_one():
     values = {"gain": {"value": 1.06, "std": 0.02}, "phase": {"value": 9.0, "std": 0.1}}
     assert sizes_in_errors(values) == {"gain": pytest.approx(3.0)}
