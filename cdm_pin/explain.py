@@ -38,6 +38,7 @@ from .selection import (
     errors,
     family_wise,
     inside_of,
+    own_covariance,
     rms,
     still_errors,
     tones,
@@ -394,13 +395,11 @@ def _nearly_brakes(explanation: Explanation, j: int) -> bool:
     n = explanation.found[j].candidate.effect.brakes
     if not n:
         return False
-    fit = explanation.fit
-    start = len(fit.base) + sum(len(beta) for beta in fit.beta[:j])
-    level, depth = fit.beta[j][0], np.linalg.norm(fit.beta[j][1:n])
-    slope = np.r_[-1.0, fit.beta[j][1:n] / max(depth, 1e-300)]
-    return bool(
-        level > 0.0 and depth - level <= np.sqrt(slope @ fit.covariance[start : start + n, start : start + n] @ slope)
-    )
+    level, waves = explanation.fit.beta[j][0], explanation.fit.beta[j][1:n]
+    depth = np.linalg.norm(waves)
+    slope = np.r_[-1.0, waves / max(depth, 1e-300)]
+    spread = own_covariance(explanation.fit, j)[:n, :n]
+    return bool(level > 0.0 and depth - level <= np.sqrt(slope @ spread @ slope))
 
 
 def _plainest(explanation: Explanation, j: int) -> Candidate:
@@ -511,10 +510,9 @@ def _peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
 def _peakless(explanation: Explanation, least: float = 2.0) -> Explanation:
     """Let Stribeck's friction be dry where its peak is no more than so many errors, or than its sign's passage."""
     fit, accepted = explanation.fit, [f.candidate for f in explanation.found]
-    first = len(fit.base) + np.cumsum([0, *map(len, fit.beta)])
     for j, candidate in enumerate(accepted):
         if candidate.effect.name == "stribeck_friction":
-            (level, peak), error = fit.beta[j][:2], np.sqrt(fit.covariance[first[j] + 1, first[j] + 1])
+            (level, peak), error = fit.beta[j][:2], np.sqrt(own_covariance(fit, j)[1, 1])
             if peak <= max(least * error, PASSAGE * level) and candidate.dry.key not in [c.key for c in accepted]:
                 accepted[j] = candidate.dry
     return _with(explanation, accepted)
@@ -1363,7 +1361,7 @@ def prune(search: Search, accepted: list[Candidate]) -> list[Candidate]:
         for j, candidate in enumerate(accepted):
             without = search.without(fit, j)
             score = search.score(without, candidate)
-            statistic = -np.inf if _backwards(search, fit, j) else score.statistic
+            statistic = -np.inf if _backwards(fit, j) else score.statistic
             if statistic < worst and (statistic < 0.0 or not _stands(search, candidate, score, without)):
                 weakest, worst = j, statistic
         if weakest < 0:
@@ -1420,10 +1418,9 @@ def _travel_means(search: Search, series: Sequence[Vector]) -> Vector:
     return np.concatenate(means)
 
 
-def _backwards(search: Search, fit: Fit, j: int) -> bool:
+def _backwards(fit: Fit, j: int) -> bool:
     """Whether the leading coefficient of effect `j` cannot be negative but is, by more than three standard errors."""
-    start = search.n_rigid + sum(len(beta) for beta in fit.beta[:j])
-    std = np.sqrt(max(fit.covariance[start, start], 0.0))
+    std = np.sqrt(max(own_covariance(fit, j)[0, 0], 0.0))
     return fit.effects[j].leads and bool(fit.beta[j][0] < -3 * std)
 
 

@@ -53,11 +53,11 @@ def _in_bursts(search: Search, fit: Fit, candidate: Candidate) -> Score:
 
     Encoders that round down, or whose zero is known to half a step, are off by up to that: such offsets are fitted with
     that much room beside the candidate; and so is what unsure masses stretch soft cables by, what instants bring that
-    are as unsure as they are, beside a push, drifts of zeros a little quicker than was seen, and, beside a rotor, by
-    how much encoders of joints that move together disagree. Then the statistic is divided by how much
-    larger than usual the residual is where the candidate acts, if it is sure to be: the variance of its coefficient is
-    then the sandwich's, in blocks (White, Econometrica 48(4), 1980; Newey, West, Econometrica 55(3), 1987). Of a push,
-    also just before and after.
+    are as unsure as they are, beside a push, drifts of zeros a little quicker than was seen, and, beside a rotor, what
+    encoders of joints that move together disagree by. Then the statistic is divided by how much larger than usual
+    the residual is where the candidate acts, if it is sure to be: the variance of its coefficient is then the
+    sandwich's, in blocks (White, Econometrica 48(4), 1980; Newey, West, Econometrica 55(3), 1987). Of a push, also
+    just before and after.
     """
     W = search.white(fit.whitener, search.columns(candidate))
     X, Z = fit.rest(W), np.concatenate([search.offsets(fit), search.unsure_stretches(fit)])

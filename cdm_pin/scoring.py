@@ -32,13 +32,14 @@ from typing import Any, Literal
 
 import numpy as np
 
+from .plant.oracle import SURE
+
 Meeting = Literal["exact", "class", "rigid_body", "missed"]
 _SLIDING = ("viscous_friction", "coulomb_friction", "stribeck_friction", "asymmetric_friction", "hysteresis",
             "friction_drift", "position_dependent_friction", "torque_dependent_friction")  # fmt: skip
 _AS_COULOMB = ("cable_friction", "capstan_friction")  # one pretension: the same step at reversals
 _REFINED = ("stribeck_friction", "asymmetric_friction", "position_dependent_friction", "friction_drift")
 _MOST_RIVALS, _ALIKE = 3, 0.95
-_SEEN = 3.86  # visibility from which on a matched filter sees an effect in 90 % of cases at 1 % false alarms
 
 
 @dataclass(frozen=True)
@@ -163,7 +164,7 @@ def score(
     untold = []
     for k in strange:
         visibility = truth["effects"][k].get("visibility", math.inf)
-        same_there = [j for j, f in enumerate(findings) if likeness and _apart(likeness(k, f), visibility) < _SEEN]
+        same_there = [j for j, f in enumerate(findings) if likeness and _apart(likeness(k, f), visibility) < SURE]
         used |= set(same_there)
         untold += [] if same_there else [truth["effects"][k]]
     coupled = [e for e in [*named, *(findings[k] for k in used)] if e["effect"] == "transmission_coupling"]

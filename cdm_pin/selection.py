@@ -1235,6 +1235,13 @@ def errors(search: Search, base: Vector, effects: Sequence[Candidate], beta: Seq
     return out
 
 
+def own_covariance(fit: Fit, j: int) -> Vector:
+    """Give the covariance of the coefficients of effect `j` of a fit."""
+    start = len(fit.base) + sum(len(beta) for beta in fit.beta[:j])
+    own = slice(start, start + len(fit.beta[j]))
+    return fit.covariance[own, own]
+
+
 def still_errors(search: Search, fit: Fit) -> list[Vector]:
     """Compute what a fit leaves of a search's recordings, drifts aside."""
     return search.still(errors(search, fit.base, fit.effects, fit.beta))

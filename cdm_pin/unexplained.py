@@ -321,28 +321,33 @@ def bursting_torque(search: Search, judge: Search | None, fit: Fit) -> dict[str,
     """
     if not search.problem.torque:
         return None
-    both = [there for there in (search, judge) if there is not None and any(there.problem.segments)]
-    ratios, own = [], []
-    for there in both:
-        problem, m = there.problem, there.problem.model.n_motors
-        usual = np.sqrt(np.mean(np.concatenate([motion.v for motion in problem.motions]) ** 2, axis=0))
-        inside = []
-        for e, run, segments in zip(still_errors(there, fit), problem.runs, problem.segments, strict=True):
-            moves = np.any(np.abs(run.motion.v[:: problem.band.step]) > MOVING * usual, axis=1)
-            inside += [e[:m, a:b][:, moves[a:b]] for a, b in segments]
-        rest = np.concatenate(inside, axis=1)
-        if rest.shape[1] < 100:
-            return None
-        size, mostly = np.sqrt(np.mean(rest**2, axis=1)), 1.4826 * np.median(np.abs(rest), axis=1)
-        loud = size > FAR * np.hypot(_least(there), _accuracy(there, fit))[:m]
-        ratios.append(np.where(loud, size / np.maximum(mostly, 1e-300), 0.0))
-        own.append(size)
-    ratio = np.min(ratios, axis=0) if ratios else np.zeros(1)
+    ratio, size = _bursts(search, fit)
+    if judge is not None and any(judge.problem.segments):
+        ratio = np.minimum(ratio, _bursts(judge, fit)[0])
     worst = int(np.argmax(ratio))
     if ratio[worst] < BURSTS:
         return None
     words = f"in short bursts, in which the error of motor {worst + 1} is far above what it mostly is"
-    return something("motor", worst + 1, words, float(own[0][worst]))
+    return something("motor", worst + 1, words, float(size[worst]))
+
+
+def _bursts(search: Search, fit: Fit, least: int = 100) -> tuple[Vector, Vector]:
+    """Give how many times what it mostly is each motor's residual is while joints move, and its size (n_motors,).
+
+    Zero where it is not far above what sensors and laws leave, and where there are fewer than `least` samples.
+    """
+    problem, m = search.problem, search.problem.model.n_motors
+    usual = np.sqrt(np.mean(np.concatenate([motion.v for motion in problem.motions]) ** 2, axis=0))
+    parts = [np.zeros((m, 0))]
+    for e, run, segments in zip(still_errors(search, fit), problem.runs, problem.segments, strict=True):
+        moves = np.any(np.abs(run.motion.v[:: problem.band.step]) > MOVING * usual, axis=1)
+        parts += [e[:m, a:b][:, moves[a:b]] for a, b in segments]
+    rest = np.concatenate(parts, axis=1)
+    if rest.shape[1] < least:
+        return np.zeros(m), np.zeros(m)
+    size, mostly = np.sqrt(np.mean(rest**2, axis=1)), 1.4826 * np.median(np.abs(rest), axis=1)
+    loud = size > FAR * np.hypot(_least(search), _accuracy(search, fit))[:m]
+    return np.where(loud, size / np.maximum(mostly, 1e-300), 0.0), size
 
 
 def _rises(power: Vector) -> Vector:

@@ -8,9 +8,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from trials import search_of
 
 from cdm_pin.band import make_band
-from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.completed import added_torque
 from cdm_pin.diagnose import _records
 from cdm_pin.dynamics import motor_torques
@@ -52,11 +52,6 @@ def run(model, seed, friction=FRICTION, shaking=0.0):
     tau += 0.01 * rng.normal(size=tau.shape)
     x = x + 1e-6 * rng.normal(size=x.shape) + shaking * reach * np.sin(2 * np.pi * 9.0 * t)[:, None]
     return Recording(t, {"motor_position": x, "motor_torque": tau}, label=f"run {seed}")
-
-
-def search_of(model, recording, band=None):
-    base = base_parameters(model, columns=massive_columns(model))
-    return Search(make_problem(model, [recording], band), base, Settings())
 
 
 def test_the_band_ends_where_torques_do_not_follow_accelerations(model):

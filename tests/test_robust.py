@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from trials import loaded_trial
+from trials import loaded_trial, search_of
 
 from cdm_pin import diagnose as diagnosis
 from cdm_pin import explain, selection, unexplained
@@ -789,11 +789,6 @@ def swept(model, seed, noise=0.0, excess=None):
     tau = tau + (0.0 if excess is None else excess(tau)) + 0.003 * rng.normal(size=tau.shape)
     q = q + noise * rng.normal(size=q.shape)
     return Recording(t, {"joint_position": q, "motor_torque": tau}, label=f"run {seed}")
-
-
-def search_of(model, recording):
-    base = base_parameters(model, columns=massive_columns(model))
-    return Search(make_problem(model, [recording]), base, Settings())
 
 
 def test_joints_that_move_together_by_noisy_encoders_show_no_rotor():

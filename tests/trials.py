@@ -1,8 +1,11 @@
 """Trials of the plant, written to files and read again as a user would."""
 
+from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.model import load_model
 from cdm_pin.plant.draw import draw
+from cdm_pin.problem import make_problem
 from cdm_pin.recording import load_recording
+from cdm_pin.selection import Search, Settings
 
 
 def written_trial(folder, seed, **options):
@@ -16,3 +19,9 @@ def written_trial(folder, seed, **options):
 
 def loaded_trial(folder, seed, **options):
     return written_trial(folder, seed, **options)[:4]
+
+
+def search_of(model, recording, band=None):
+    """Give the search on one recording."""
+    base = base_parameters(model, columns=massive_columns(model))
+    return Search(make_problem(model, [recording], band), base, Settings())
