@@ -141,6 +141,17 @@ def base_parameters(
     return group(model, triangle, columns=columns, tolerance=tolerance)
 
 
+def updated_model(model: CableModel, base: BaseParameters, change: Vector, sizes: Vector | None = None) -> CableModel:
+    """Give the model whose base parameters differ by `change` from those of `model`, the rest as near as can be.
+
+    Near in units of the standard parameters, or of `sizes` if given. What stands behind the base parameters in a fit, a
+    payload's, is left out. A link's mass alone, of which no torque tells, may become negative.
+    """
+    size = np.ones(base.matrix.shape[1]) if sizes is None else sizes
+    step = size * (np.linalg.pinv(base.matrix * size) @ change[: len(base.columns)])
+    return model.with_standard_parameters(model.standard_parameters + step)
+
+
 def random_states(model: CableModel, samples: int, seed: int = 0) -> tuple[Vector, Vector, Vector]:
     """Draw joint positions, velocities and accelerations that the motors can reach, each (samples, n_joints)."""
     rng = np.random.default_rng(seed)

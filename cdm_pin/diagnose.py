@@ -11,9 +11,12 @@ from typing import Any
 import numpy as np
 
 from . import findings as fi
+from .bank import Bank, all_candidates
 from .base import base_parameters, massive_columns
 from .consistency import nearest_standard
+from .drifting import drifts_like, is_swamped, still, still_errors, with_drift
 from .effects import STOPS, Candidate
+from .events import ProgressCallback
 from .everywhere import agreements, confirmed
 from .explain import (
     EVIDENT,
@@ -34,7 +37,10 @@ from .explain import (
     still_standing,
     tied,
 )
+from .fit import Fit
 from .geometry import Manipulator, Vector, frozen_array
+from .leftover import left_over
+from .masses import about
 from .model import CableModel
 from .next_experiment import Experiment, plan_next
 from .problem import Problem, Run, make_problem
@@ -42,7 +48,8 @@ from .recording import Recording
 from .regions import region
 from .replay import Replay, simulated_position
 from .replay_runs import replay_runs
-from .selection import Bank, Fit, ProgressCallback, Search, Settings, all_candidates, errors, rms, still_errors
+from .search import Search, errors, rms
+from .settings import Settings
 from .soft import looser, softest
 from .unexplained import (
     at_corrections,
@@ -169,7 +176,7 @@ def diagnose(
         return Diagnosis(_insufficient(problem, reason), model, model.manipulator)
     base = base_parameters(model, columns=massive_columns(model))
     search = Search(problem, base, settings)
-    search = search.about(search.fit([]))
+    search = about(search, search.fit([]))
     first = _beside_drifts(search, progress)
     seen = make_problem(model, unseen, problem.band, len(recordings)) if unseen else None
     soft = _swinging(Search(problem, base, settings), seen, first, progress)
@@ -200,7 +207,7 @@ def _beside_drifts(search: Search, progress: ProgressCallback | None) -> Explana
     beside none, as a few more pushes may still look like one; what finds no push there says nothing of that.
     """
     first = explain(_drifting(search), progress)
-    if first.search.is_swamped(first.fit):
+    if is_swamped(first.search, first.fit):
         return explain(search, progress)
 
     def pushed(explanation: Explanation) -> bool:
@@ -209,24 +216,24 @@ def _beside_drifts(search: Search, progress: ProgressCallback | None) -> Explana
     if not pushed(first):
         return first
     found, ways = [f.candidate for f in first.found], [first]
-    for other in (search, search.with_drift(found)):
-        if not any(other.drifts_like(way.search) for way in ways):
+    for other in (search, with_drift(search, found)):
+        if not any(drifts_like(other, way.search) for way in ways):
             there = explain(other, progress)
-            if pushed(there) and not there.search.is_swamped(there.fit):
+            if pushed(there) and not is_swamped(there.search, there.fit):
                 ways.append(there)
     return max(ways, key=_likely)
 
 
 def _drifting(search: Search) -> Search:
     """Give the search with drifting zeros beside the rigid body; quick ones only where no pushes are likelier."""
-    own = search.with_drift()
+    own = with_drift(search)
     if own.drift is None or not own.drift.quicker:
         return own
-    slow = search.with_drift(most=0)
+    slow = with_drift(search, most=0)
     pushes = _pushes(slow, slow.bank(all_candidates(search.problem, ["external_torque"])), [])
     if not pushes:
         return own
-    ways = [(own, []), (slow, pushes), (search.with_drift(pushes), pushes)]
+    ways = [(own, []), (slow, pushes), (with_drift(search, pushes), pushes)]
     return max(ways, key=lambda way: likelihood(*way))[0]
 
 
@@ -252,7 +259,7 @@ def _swinging(
     plays = [(c, beta) for c, beta in zip(found, first.fit.beta, strict=True) if c.effect.name == "backlash"]
     rough = any(c.effect.name in SOFT or not c.named for c in found)
     if not rough:
-        left, noise = (first.search.left_over(found, smooth=smooth)[1].rms for smooth in (False, True))
+        left, noise = (left_over(first.search, found, smooth=smooth)[1].rms for smooth in (False, True))
         rough = bool(np.any(left > ROUGH * noise))
     if not (plays or rough):
         return first
@@ -272,7 +279,7 @@ def _swinging(
     if not effects:
         return first
     instead = frozenset({("cable_slack", effects[0].key[1])})  # of first order, where this one is integrated
-    again = explain(there.with_drift(effects), progress, instead, start=effects)
+    again = explain(with_drift(there, effects), progress, instead, start=effects)
     if not any(f.candidate.is_swinging(again.search.problem.motions[0]) for f in again.found):
         return first
     if _likely(again) < own:
@@ -573,7 +580,7 @@ def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
             return False
         rigid = explanation.search.stiff.fit(list(without.effects))
         level = np.maximum(noise_floor(judge, fit.effects), 1e-12)
-        rest = judge.still(errors(judge.stiff, rigid.base, rigid.effects, rigid.beta))
+        rest = still(judge, errors(judge.stiff, rigid.base, rigid.effects, rigid.beta))
         return _plain(judge, fit)[0] < _weighted(judge, rest, level)
     with_it, without_it = _plain(judge, fit, without)
     if with_it < CARRIED * without_it:
@@ -633,7 +640,8 @@ def _is_loud_there(judge: Search, explanation: Explanation, j: int) -> bool:
 def _fit_content(search: Search, rigid: Fit, fit: Fit, judged: Search) -> dict[str, Any]:
     m = search.problem.model.n_motors
     rest = errors(judged, fit.base, fit.effects, fit.beta)
-    drift = [a - b for a, b in zip(rest, judged.still(rest), strict=True)]  # noise, too, where zeros were seen to drift
+    left = still(judged, rest)
+    drift = [a - b for a, b in zip(rest, left, strict=True)]  # noise, too, where zeros were seen to drift
     sizes = {
         "rmse_rigid": rms(judged, errors(judged.stiff, rigid.base, (), ())),
         "rmse_augmented": rms(judged, rest),

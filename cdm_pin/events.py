@@ -6,8 +6,11 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from .effects import Candidate
+from .fit import Fit
 from .geometry import Vector
-from .selection import Fit, Search, errors, rms
+from .search import Search, errors, rms
+
+ProgressCallback = Callable[[str, float], None]
 
 SUSPECTS = 6  # that are named at once
 

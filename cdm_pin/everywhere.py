@@ -13,9 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .bank import Bank
 from .effects import CATALOGUE, Candidate, Place, axis_places, joint_places, parallel
+from .fit import Fit
+from .leftover import clear_noise
 from .model import CableModel
-from .selection import Bank, Fit, Search
+from .search import Search
 
 FRICTION = ("viscous_friction", "coulomb_friction", "torque_offset")
 LOUD = 170.0
@@ -39,7 +42,7 @@ def rubs_everywhere(search: Search, bank: Bank, found: Sequence[Candidate], leas
         return False
     common = at_all_axes(search, FRICTION)
     all_found, found = found, [c for c in found if not _rubs(c)]
-    clear = search.clear([*found, *common])
+    clear = clear_noise(search, [*found, *common])
     whole = search.fit([*found, *common], clear).deviance
     alone = search.fit(all_found, clear)
     if alone.deviance < whole + LOUD and alone.deviance < alone.n_rows + 4.0 * np.sqrt(2.0 * alone.n_rows):
@@ -114,7 +117,7 @@ def widened(search: Search, effects: list[Candidate]) -> list[Candidate]:
         if not candidate.effect.nuisance_shape:
             continue
         others = [c for i, c in enumerate(effects) if i != j]
-        fit = search.fit(others, search.clear(effects))
+        fit = search.fit(others, clear_noise(search, effects))
         trials = [replace(candidate, shape=(f * candidate.shape[0], *candidate.shape[1:])) for f in (1, 2, 4, 8, 16)]
         scores = [search.score(fit, trial).statistic for trial in trials]
         effects = [*effects[:j], trials[int(np.argmax(scores))], *effects[j + 1 :]]
@@ -135,7 +138,7 @@ def sprung(search: Search, effects: list[Candidate]) -> list[Candidate]:
     """Let a spring take the place of a constant torque where the data ask for it, strongest first."""
     model = search.problem.model
     for _ in range(model.n_motors):
-        fit = search.fit(effects, search.clear(effects))
+        fit = search.fit(effects, clear_noise(search, effects))
         best: tuple[float, list[Candidate]] | None = None
         for place in joint_places(model):
             w = place.weights(model)
@@ -174,7 +177,7 @@ def needed(search: Search, effects: list[Candidate], rounds: int = 3, least: flo
     """
     for _ in range(rounds):
         before = len(effects)
-        careful, clear = search.fit(effects), search.fit(effects, search.clear(effects))
+        careful, clear = search.fit(effects), search.fit(effects, clear_noise(search, effects))
         while effects:
             sizes = np.array([len(b) for b in careful.beta])
             margin = np.maximum(

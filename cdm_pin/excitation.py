@@ -17,7 +17,7 @@ from .limits import InfeasibleLimits, Limits, default_limits, worst_usage
 from .model import CableModel
 from .objectives import Objective, ObjectiveName, make_objective, parts_of
 from .optimisers import Progress, bee_colony, covariance_adaptation
-from .search import SearchSpace
+from .search_space import SearchSpace
 from .sequential import sequential_programs
 
 Optimiser = Literal["bees", "adaptation", "sequential"]

@@ -8,7 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .bank import Bank, all_candidates
 from .completed import effect_candidates
+from .doubts import COMPLIANT, PUNCTUAL, errors_of_laws
+from .drifting import still, still_errors
 from .effects import (
     CATALOGUE,
     DRAGS,
@@ -20,30 +23,20 @@ from .effects import (
     sign_width,
     twin_places,
 )
-from .events import Reporter
+from .events import ProgressCallback, Reporter
 from .everywhere import kinds_first, needed, rubs_everywhere
+from .fit import Fit, own_covariance
 from .geometry import Vector
+from .leftover import clear_noise, tones
+from .likelihood import even_noise, likelihood_ratio
+from .masses import about
 from .model import CableModel
 from .patches import MISREAD, RUBS
 from .robust import UNSURE, is_coarse, robust_score
-from .selection import (
-    COMPLIANT,
-    PUNCTUAL,
-    Bank,
-    Fit,
-    ProgressCallback,
-    Score,
-    Search,
-    all_candidates,
-    errors,
-    family_wise,
-    inside_of,
-    own_covariance,
-    rms,
-    still_errors,
-    tones,
-)
-from .whitening import Whitener, log_likelihood
+from .scores import Score, family_wise
+from .search import Search, errors, rms
+from .shapes import loosened, refine, tuned, yielding
+from .whitening import Whitener, inside_of, log_likelihood
 
 REFINING = ("stribeck_friction", *SHARING)
 """Laws whose first column is dry friction, the others what refines it."""
@@ -265,7 +258,7 @@ def _unpatched(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[S
     alone, laws = settled(search, named, rounds=4)
     left = unnamed(alone, alone.renewed(bank), laws)
     if left is not None:
-        fit = alone.fit(laws, alone.clear(laws))
+        fit = alone.fit(laws, clear_noise(alone, laws))
         own = [j for j, c in enumerate(laws) if _shares_motor(c, left, search.problem.model)]
         worth = [laws[j].effect.error ** 2 * alone.score(alone.without(fit, j), laws[j]).statistic for j in own]
         if alone.score(fit, left).statistic > sum(worth):
@@ -307,8 +300,8 @@ def settled(search: Search, accepted: list[Candidate], rounds: int = 2) -> tuple
             search, accepted = _in_turn(search, accepted, rounds=1)
             if not _has_moved(before, search.fit(accepted)):
                 break
-        accepted = search.yielding(accepted, search.noise(accepted))
-        search = search.about(search.fit(accepted))
+        accepted = yielding(search, accepted, search.noise(accepted))
+        search = about(search, search.fit(accepted))
     return search, accepted
 
 
@@ -331,8 +324,8 @@ def _in_turn(
 ) -> tuple[Search, list[Candidate]]:
     """Move the search about the completed model and estimate all shapes, in turn; in one noise or in what is left."""
     for _ in range(rounds):
-        search = search.about(search.fit(effects, whitener))
-        effects = search.tuned(effects, whitener or search.noise(effects))
+        search = about(search, search.fit(effects, whitener))
+        effects = tuned(search, effects, whitener or search.noise(effects))
     return search, effects
 
 
@@ -474,7 +467,7 @@ def _is_all_but_errors(search: Search, without: Fit, own: Candidate, rival: Cand
     if float(more @ more) >= _error_of_laws(search, own, more, beside):
         return False
     plain = (errors(search, f.base, f.effects, f.beta) for f in (beside, both))
-    apart = search.still([one - two for one, two in zip(*plain, strict=True)])
+    apart = still(search, [one - two for one, two in zip(*plain, strict=True)])
     law = [np.tensordot(search.fit([*others, own], without.whitener).beta[-1], x, 1) for x in search.columns(own)]
     return bool(np.linalg.norm(rms(search, apart)) < WRONG * np.linalg.norm(rms(search, law)))
 
@@ -494,12 +487,12 @@ def _peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
             continue
         without, grid = search.without(explanation.fit, j), law.grid(search.problem.motions, candidate.place)
         trials = [Candidate(law, candidate.place, (candidate.shape[0], *shape[1:])) for shape in grid]
-        refined = [search.refine(without, trial, 3) for trial in trials]
+        refined = [refine(search, without, trial, 3) for trial in trials]
         peaks = [(gain(search, without, *t), i) for i, t in enumerate(refined) if t[0].is_plausible(t[1].beta)]
         if not peaks:
             continue
         (worth, i), statistic = max(peaks), found.score.statistic
-        quick, plain = replace(candidate, creeps=False), search.refine(without, refined[i][0].dry, 3)
+        quick, plain = replace(candidate, creeps=False), refine(search, without, refined[i][0].dry, 3)
         free = min(found.gain, gain(search, without, quick, search.score(without, quick)))
         passage = _within(search, refined[i][0], statistic, search.settings.close)
         if worth > max(free - search.settings.within(statistic), gain(search, without, *plain) + passage):
@@ -529,7 +522,7 @@ def _estimated(explanation: Explanation, effects: list[Candidate]) -> Explanatio
     if effects == [f.candidate for f in explanation.found]:
         return explanation
     search = explanation.search
-    return explained(search, explanation.bank, search.tuned(effects, search.noise(effects)))
+    return explained(search, explanation.bank, tuned(search, effects, search.noise(effects)))
 
 
 def _everything(search: Search, bank: Bank, say: Reporter) -> Explanation:
@@ -547,8 +540,8 @@ def _everything(search: Search, bank: Bank, say: Reporter) -> Explanation:
 
     for k in range(search.problem.model.n_motors):
         say("searching", 0.3 + 0.4 * k / search.problem.model.n_motors)
-        fit, clear = search.fit(accepted), search.fit(accepted, search.clear(accepted))
-        search = search.about(clear)
+        fit, clear = search.fit(accepted), search.fit(accepted, clear_noise(search, accepted))
+        search = about(search, clear)
         bank = search.renewed(bank)
         leaders = [c for c, _, _ in _leaders(search, clear, bank, 40, accepted) if may_stand(c)][:12]
         say.looked(clear, leaders)
@@ -557,7 +550,7 @@ def _everything(search: Search, bank: Bank, say: Reporter) -> Explanation:
             break
         accepted = [*accepted, winner]
     accepted = needed(search, accepted)
-    search = search.about(search.fit(accepted))
+    search = about(search, search.fit(accepted))
     bank = search.renewed(bank)
     fit = search.fit(accepted)
     found = [Found(c, search.score(search.without(fit, j), c), 0.0, 0.0) for j, c in enumerate(accepted)]
@@ -581,7 +574,7 @@ def _careful_winner(search: Search, fit: Fit, clear: Fit, leaders: list[Candidat
 def unnamed(search: Search, bank: Bank, accepted: list[Candidate]) -> Candidate | None:
     """Give the correction without a name that explains most of what is left; None where none is asked for."""
     fit = search.fit(accepted)
-    clear = search.fit(accepted, search.clear(accepted))
+    clear = search.fit(accepted, clear_noise(search, accepted))
     for f in (fit, clear):
         for candidate, score, weight in _leaders(search, f, bank, 3, accepted, named=False):
             heard = f is fit or (is_loud(score) and _is_seconded(search, fit, candidate, score, weight))
@@ -600,7 +593,7 @@ def next_law(search: Search, bank: Bank, accepted: list[Candidate], withdrawn: S
     for candidate, score, weight in _leaders(search, fit, bank, 6, accepted):
         if candidate.key in but or not _passes(search, candidate, score, weight, fit):
             continue
-        candidate, score = search.refine(fit, candidate)
+        candidate, score = refine(search, fit, candidate)
         worth = gain(search, fit, candidate, score)
         more = [c for c, its in gone if its > worth + search.settings.close]
         besides = [search.fit([*accepted, c], fit.whitener) for c in more]
@@ -629,7 +622,7 @@ def _grow(search: Search, bank: Bank, accepted: list[Candidate], say: Reporter) 
         if len(accepted) >= search.most:
             break
         fit = search.fit(accepted)
-        clear = search.fit(accepted, search.clear(accepted))
+        clear = search.fit(accepted, clear_noise(search, accepted))
         if not _asked(search, fit, bank, accepted) and not _shouted(search, clear, bank, accepted):
             alone = drowned(search, bank, accepted)
             if alone is None:
@@ -642,16 +635,16 @@ def _grow(search: Search, bank: Bank, accepted: list[Candidate], say: Reporter) 
             break
         if any(winner[0].clashes(c) for c in accepted):  # a push that grew into another one
             break
-        accepted = search.tuned([*accepted, winner[0]], clear.whitener)
-        search = search.about(search.fit(accepted, clear.whitener))
+        accepted = tuned(search, [*accepted, winner[0]], clear.whitener)
+        search = about(search, search.fit(accepted, clear.whitener))
         bank = search.renewed(bank)
         for _ in range(3):
             before, accepted = accepted, polish(search, bank, accepted)
             if not _is_provisional(before, accepted):
                 break
-            search, accepted = _in_turn(search, accepted, search.clear(accepted), rounds=3)
+            search, accepted = _in_turn(search, accepted, clear_noise(search, accepted), rounds=3)
             bank = search.renewed(bank)
-        accepted = search.tuned(accepted, search.clear(accepted))
+        accepted = tuned(search, accepted, clear_noise(search, accepted))
         search, bank, accepted = _sided(search, bank, accepted)
     return search, bank, accepted
 
@@ -670,7 +663,7 @@ def _sided(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Searc
     """
     if not any(c.effect.follows for c in accepted):
         return search, bank, accepted
-    whitener = search.clear(accepted)
+    whitener = clear_noise(search, accepted)
 
     def judged(effects: list[Candidate], rounds: int = 2) -> tuple[float, Search, list[Candidate]]:
         there, effects = _in_turn(search, effects, whitener, rounds)
@@ -718,7 +711,7 @@ def patch(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candida
     """
     s = search.settings
     fit = search.fit(accepted)
-    clear = search.fit(accepted, search.clear(accepted))
+    clear = search.fit(accepted, clear_noise(search, accepted))
     added = unnamed(search, bank, accepted)
     if added is not None:
         rest = [c for c in accepted if not c.meets(added)]
@@ -764,7 +757,7 @@ def _has_a_name(search: Search, bank: Bank, grown: list[Candidate], patched: lis
     """Whether one more effect of the catalogue explains all that a correction without a name would."""
     if len(grown) >= search.most:
         return False
-    clear = search.fit(grown, search.clear(grown))
+    clear = search.fit(grown, clear_noise(search, grown))
     new = [c for c in patched if not c.named and c not in grown]
     winner = _winner(search, clear, [c for c, _, _ in _leaders(search, clear, bank, 6, grown)])
     if winner is None or not new or not _passes(search, *winner, 0.01, clear):
@@ -782,13 +775,13 @@ def _beside_looser(
     """
     if not grown or len(grown) >= search.most:
         return None
-    clear = search.fit(grown, search.clear(grown))
-    loose = search.loosened(clear)
+    clear = search.fit(grown, clear_noise(search, grown))
+    loose = loosened(search, clear)
     for law, score, _ in _leaders(search, loose, bank, most, grown):
         if not law.is_plausible(score.beta, grown) or not is_loud(score):
             continue
         there, laws = settled(search, [*grown, law], rounds=4)
-        whitener = there.clear(laws)
+        whitener = clear_noise(there, laws)
         fit, other = there.fit(laws, whitener), search.fit(patched, whitener)
         fewer = search.size(*patched) - there.size(*laws)
         without = there.without(fit, len(laws) - 1)
@@ -885,7 +878,7 @@ def _passes(search: Search, candidate: Candidate, score: Score, weight: float, f
     """
     candidate, score = _bare(search, fit, candidate, score)
     if not candidate.effect.counts:
-        candidate, score = search.refine(fit, candidate)
+        candidate, score = refine(search, fit, candidate)
     robust = _is_significant(search, candidate, score, weight, fit)
     if robust is None or _worsens(search, fit, candidate):
         return False
@@ -905,7 +898,7 @@ def _leaves_noise(search: Search, fit: Fit, candidate: Candidate) -> bool:
     excess = fit.deviance - fit.n_rows
     if not candidate.named or excess < FAR * fit.n_rows:
         return False
-    return search.refine(fit, candidate, 3)[1].statistic > WHOLE * excess
+    return refine(search, fit, candidate, 3)[1].statistic > WHOLE * excess
 
 
 def _worsens(search: Search, fit: Fit, candidate: Candidate, most: float = 10.0) -> bool:
@@ -934,7 +927,7 @@ def _is_significant(search: Search, candidate: Candidate, score: Score, weight: 
         return None
     if not is_resolved(search, candidate, score.beta, fit):
         return None
-    for own in (lambda: candidate, lambda: search.refine(fit, candidate)[0]):
+    for own in (lambda: candidate, lambda: refine(search, fit, candidate)[0]):
         robust = robust_score(search, fit, own())
         if family_wise(robust, candidate, weight) < np.log(s.alarm):
             return robust
@@ -944,7 +937,7 @@ def _is_significant(search: Search, candidate: Candidate, score: Score, weight: 
 def asked_but_for_laws(search: Search, bank: Bank, accepted: list[Candidate], most: int) -> list[Candidate]:
     """List what is significant beside a fit, whether or not errors of the laws in it could explain as much."""
     out: dict[tuple[str, str], Candidate] = {}
-    for whitener in (None, search.clear(accepted)):
+    for whitener in (None, clear_noise(search, accepted)):
         fit = search.fit(accepted, whitener)
         for candidate, score, weight in _leaders(search, fit, bank, most, accepted):
             if _is_significant(search, candidate, score, weight, fit) is not None:
@@ -1062,7 +1055,7 @@ def _error_of_laws(search: Search, candidate: Candidate, own: Vector, fit: Fit) 
     leaves it over, where the two are there together.
     """
     share = 1.0 if candidate.named and candidate.effect.name != "external_torque" else search.settings.patch_error
-    return float((np.abs(own) @ search.errors_of_laws(fit)) ** 2 / max(own @ own, 1e-300)) * share**2
+    return float((np.abs(own) @ errors_of_laws(search, fit)) ** 2 / max(own @ own, 1e-300)) * share**2
 
 
 def _leaders(
@@ -1121,13 +1114,13 @@ def drowned(search: Search, bank: Bank, taken: Sequence[Candidate], most: int = 
     Such an effect is looked for in white noise, and has to be significant by the likelihood ratio of the models with it
     and without it, each in a noise of its own; what is estimated of its shape counts.
     """
-    even, alarm = search.fit(taken, search.even(taken)), np.log(search.settings.alarm)
+    even, alarm = search.fit(taken, even_noise(search, taken)), np.log(search.settings.alarm)
     least, best, alone = 15.0, 0.0, None  # no less is significant
     for candidate, score, weight in _leaders(search, even, bank, most, taken):
         if family_wise(score, candidate, weight) >= alarm:
             continue
-        candidate, _ = search.refine(even, candidate)
-        whitener, ratio = search.likelihood_ratio(taken, candidate, least)
+        candidate, _ = refine(search, even, candidate)
+        whitener, ratio = likelihood_ratio(search, taken, candidate, least)
         if ratio < least:
             continue
         fit = search.fit(taken, whitener)
@@ -1158,10 +1151,10 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
     """
     if not candidates:
         return None
-    first = search.refine(fit, candidates[0])
+    first = refine(search, fit, candidates[0])
     if first[1].statistic > STRONG:
         candidates = [c.detailed(search.problem.motions) for c in (first[0], *candidates[1:])]
-        first = _braking(search, fit, *search.refine(fit, candidates[0]))
+        first = _braking(search, fit, *refine(search, fit, candidates[0]))
     pool = [first]
     rest = [_same_width(c, first[0]) for c in candidates[1:]]
     scored = [(gain(search, fit, c, s), n, c, s) for n, c in enumerate(rest) for s in [search.score(fit, c)]]
@@ -1169,7 +1162,7 @@ def _winner(search: Search, fit: Fit, candidates: Sequence[Candidate]):
     for n, (value, _, c, s) in enumerate(sorted(scored, key=lambda item: -item[0])):
         fine = c.effect.reach < 0.1  # its grid is coarse beside its peak
         if (n < 4 and value > best - max(40.0, 0.15 * abs(best))) or (fine and value > 0.3 * best):
-            pool.append(_braking(search, fit, *search.refine(fit, c)) if c.shape else (c, s))
+            pool.append(_braking(search, fit, *refine(search, fit, c)) if c.shape else (c, s))
     pool = [(c, s) for c, s in pool if gain(search, fit, c, s) > 0 and c.is_plausible(s.beta, fit.effects)]
     pool = [(c, s) for c, s in pool if not hides_in_masses(search, fit, c)]
     if not pool:
@@ -1193,7 +1186,7 @@ def _braking(search: Search, fit: Fit, candidate: Candidate, score: Score) -> tu
     """Let friction that would drive if it gave before it slides give nothing."""
     if not candidate.gives or candidate.is_plausible(score.beta, fit.effects):
         return candidate, score
-    return search.refine(fit, replace(candidate, gives=0.0))
+    return refine(search, fit, replace(candidate, gives=0.0))
 
 
 def drives(search: Search, fit: Fit, candidate: Candidate) -> bool:
@@ -1254,7 +1247,7 @@ def polish(search: Search, bank: Bank, accepted: list[Candidate], rounds: int = 
     Not the latter while columns are provisional: what they are off by would look like a second effect.
     """
     for _ in range(rounds):
-        before, whitener = accepted, search.clear(accepted)
+        before, whitener = accepted, clear_noise(search, accepted)
         for j in range(len(accepted)):
             if not accepted[j].named:
                 continue
@@ -1281,7 +1274,7 @@ def _leans_on(search: Search, whitener: Whitener, before: list[Candidate], after
     lost = [c for c in before if c.loads and c.key not in {x.key for x in after}]
     if not lost or not any(c.effect.follows for c in after):
         return False
-    there = search.about(search.fit(after, whitener))
+    there = about(search, search.fit(after, whitener))
     old, new = search.fit(before, whitener), there.fit(after, whitener)
     penalty = np.log(old.n_rows) * (search.size(*after) - search.size(*before))
     return new.deviance + penalty > old.deviance + 10.0
@@ -1327,7 +1320,7 @@ def _split(search: Search, bank: Bank, accepted: list[Candidate], whitener: Whit
                 continue
             if old.detail:
                 leader = leader.detailed(search.problem.motions)
-            first, s = search.refine(without, _same_width(leader, old))
+            first, s = refine(search, without, _same_width(leader, old))
             if not np.isfinite(s.statistic):
                 continue
             beside = search.fit([*others, first], whitener)
@@ -1439,7 +1432,7 @@ def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> F
         leader = _same_width(leader, candidate)
         s = freed(search, without, leader, search.score(without, leader))
         if gain(search, without, leader, s) > own - max(30.0, 0.1 * abs(own)):
-            refined, s = search.refine(without, leader, plausibly=True)
+            refined, s = refine(search, without, leader, plausibly=True)
             s = freed(search, without, refined, s)
             s = confined(without, refined, search.white(without.whitener, search.columns(refined)), s)
             if refined.is_plausible(s.beta, without.effects) and not hides_in_masses(search, without, refined):

@@ -10,13 +10,16 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
+from .drifting import own_drifts
 from .effects import CATALOGUE, SWUNG, Candidate, Columns, Effect, coupled_alike, parallel, twin_places
 from .explain import POSTURE, Explanation, Found, evidence
+from .fit import Fit
 from .geometry import Vector
 from .model import CableModel
 from .motion import Motion
 from .patches import MISREAD
-from .selection import Fit, Search
+from .search import Search
+from .shapes import shape_slopes
 from .units import unit_at
 from .unseen import beside, stacked
 from .whitening import log_p
@@ -27,7 +30,7 @@ Location = dict[str, Any]
 def _all_columns(search: Search, fit: Fit) -> tuple[Vector, list[list[list[Vector]]]]:
     """Whiten the columns of base parameters, coefficients and shapes; give the derivatives by the shapes, too."""
     own = [search.columns(c) for c in fit.effects]
-    slopes = [search.slopes(c, b) for c, b in zip(fit.effects, fit.beta, strict=True)]
+    slopes = [shape_slopes(search, c, b) for c, b in zip(fit.effects, fit.beta, strict=True)]
     banks = []
     for r in range(len(search.rigid)):
         parts = [search.rigid[r]]
@@ -69,7 +72,7 @@ def unseen_step(judge: Search, fit: Fit) -> tuple[Vector, Vector]:
 
     One Gauss-Newton step, beside drifting zeros; parameters stand as in `joint_covariance`.
     """
-    drifts, rest = (judge.white(fit.whitener, series) for series in (judge.drifts, stacked(judge, fit)))
+    drifts, rest = (judge.white(fit.whitener, series) for series in (own_drifts(judge), stacked(judge, fit)))
     W, rest = beside(drifts, _all_columns(judge, fit)[0], rest[0])
     covariance = _covariance(W)
     return covariance @ (W @ rest), covariance
@@ -273,7 +276,7 @@ def sizes_in_errors(values: dict[str, dict[str, Any]]) -> dict[str, float]:
 def is_above_steps(search: Search, candidate: Candidate, values: dict[str, dict[str, Any]]) -> bool:
     """Whether an encoder's offset, or a play, is more than the encoders that were logged have, as they round.
 
-    Encoders on both sides of a play show less: it follows the load, no rounding does (`Search.lags`).
+    Encoders on both sides of a play show less: it follows the load, no rounding does (`doubts.lags`).
     """
     if candidate.effect.name not in ROUNDED or (candidate.effect.name == "backlash" and search.problem.kinematic):
         return True

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from .diagnose import Diagnosis
+from .doubts import COMPLIANT
 from .effects import Candidate, remembered
 from .explain import Explanation, Found
+from .fit import Fit
 from .geometry import Vector
 from .replay import Replay
 from .report_evidence import Evidence, LawCurve, Rival, RunEvidence, SimulatedMotion
-from .selection import COMPLIANT, Fit, Search, errors
+from .search import Search, errors
 from .units import joint_units, motor_units, unit_at
 
 

@@ -16,7 +16,7 @@ from .explain import Explanation
 from .geometry import Vector
 from .motion import Motion
 from .problem import Problem, Run
-from .selection import Search
+from .search import Search
 
 TENSER = 1.5
 """How many times the pretension is tried as well."""

@@ -8,9 +8,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from .effects import Candidate
+from .fit import Fit
 from .geometry import Vector
 from .motion import Motion
-from .selection import Fit, Search
+from .search import Search
 from .units import unit_at
 
 BINS = 8  # of angle and of time

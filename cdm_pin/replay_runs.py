@@ -6,16 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 
+from .base import updated_model
 from .consistency import consistent_standard
 from .dynamics import mass_matrix
 from .errors import CdmError
+from .fit import Fit
 from .geometry import Manipulator
 from .measured import measured_torques
 from .model import CableModel, build_model
 from .motion import Motion
 from .replay import MOST, Replay
 from .replay import replay as run_again
-from .selection import Fit, Search, updated_model
+from .search import Search
 
 LEAST = 0.1  # inertia along any coordinate, as a share of the file's, below which a fit counts as no body's
 ONCE = ("external_torque",)

@@ -8,10 +8,13 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2
 
+from .doubts import instants, lags, offsets, quicker_drifts, sides, unsure_stretches
 from .effects import Candidate
+from .fit import Fit
 from .geometry import Vector
 from .problem import Problem
-from .selection import Fit, Score, Search, scored
+from .scores import Score, scored
+from .search import Search
 
 BLOCKS = (1, 8, 24)
 """Lengths of bursts, in samples of the band."""
@@ -60,15 +63,15 @@ def _in_bursts(search: Search, fit: Fit, candidate: Candidate) -> Score:
     just before and after.
     """
     W = search.white(fit.whitener, search.columns(candidate))
-    X, Z = fit.rest(W), np.concatenate([search.offsets(fit), search.unsure_stretches(fit)])
+    X, Z = fit.rest(W), np.concatenate([offsets(search, fit), unsure_stretches(search, fit)])
     if candidate.effect.name == "external_torque":  # it looks like a drift for a while
-        Z = np.concatenate([Z, search.quicker_drifts(fit)])
+        Z = np.concatenate([Z, quicker_drifts(search, fit)])
     if _is_travel(search, candidate):
-        Z = np.concatenate([Z, search.lags(fit)])
+        Z = np.concatenate([Z, lags(search, fit)])
     if candidate.effect.name == "rotor_inertia":
-        Z = np.concatenate([Z, search.sides(fit)])
+        Z = np.concatenate([Z, sides(search, fit)])
     if candidate.effect.name != "time_delay":
-        Z = np.concatenate([Z, search.instants(fit)])
+        Z = np.concatenate([Z, instants(search, fit)])
     room = np.linalg.inv(np.eye(len(Z)) + Z @ Z.T)
     c = X @ fit.residual - (X @ Z.T) @ room @ (Z @ fit.residual)
     gram = X @ X.T - (X @ Z.T) @ room @ (Z @ X.T)

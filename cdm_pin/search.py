@@ -1,256 +1,321 @@
-"""The space an excitation is searched in: vectors to Fourier series, series to motions at the edge of the limits."""
+"""The search's workbench: fits and scores on one problem, about one model; what was computed is kept between steps."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from .dynamics import motor_torques
-from .fourier import FourierSeries, PeriodGrid, close
+from .bank import Bank, WhiteBank, all_candidates, make_bank, whitened
+from .base import BaseParameters, updated_model
+from .drift import Drift
+from .effects import Candidate, Identity
+from .fit import Body, Fit, fitted, least_squares
 from .geometry import Vector
-from .limits import InfeasibleLimits, Limits, check_posture, scale_to_edge
 from .model import CableModel
-from .objectives import Objective
+from .problem import Problem
+from .recent import Recent, lasting
+from .scores import Score, scored
+from .settings import Settings
+from .whitening import Segments, Whitener, fit_quiet
 
-PENALTY = 1e6
-"""What the paper's objective adds for a candidate that breaks a limit."""
+_LARGE = 2e9  # bytes of whitened banks that are kept
 
 
-@dataclass(frozen=True)
-class SearchSpace:
-    """Candidates x = (base frequency, centres, cosine and sine coefficients joint by joint) and what they mean.
+class Search:
+    """Fits and scores on one problem; keeps what was computed between steps.
 
-    The series live in the joints' coordinates, or in the motors' where there are fewer of them.
+    Parameters
+    ----------
+    problem : Problem
+    base : BaseParameters
+    settings : Settings
+    held : bool, optional
+        Whether the stated payloads have columns of their own; if not given, where they differ.
+    drift : Drift, optional
+        What the zeros of sensors do; its columns stand behind those of the rigid body.
 
     Attributes
     ----------
-    model : CableModel
-    limits : Limits
-    harmonics : int
-        Free ones.
-    zero_start : bool
-        Whether eq. (47) appends a harmonic and forbids centres.
-    frequency : pair of float
-        Lowest and highest base frequency [rad/s].
-    amplitude : float
-        Bound of each coefficient, a_max and b_max of eq. (48).
-    grid : PeriodGrid
-        Where candidates are judged.
+    lasting : dict
+        Results that hold about other models of the same recordings as well, by the function that made them.
     """
 
-    model: CableModel
-    limits: Limits
-    harmonics: int
-    zero_start: bool
-    frequency: tuple[float, float]
-    amplitude: float
-    grid: PeriodGrid
-
-    @cached_property
-    def coordinates(self) -> Vector:
-        """Joint motion per coordinate, shape (n_joints, n): the identity, or E if it has more rows than columns."""
-        model = self.model
-        return np.eye(model.n_joints) if model.n_joints == model.n_motors else model.joint_from_motor
+    def __init__(
+        self,
+        problem: Problem,
+        base: BaseParameters,
+        settings: Settings,
+        held: bool | None = None,
+        drift: Drift | None = None,
+    ):
+        self.problem, self.base, self.settings = problem, base, settings
+        self.drift = drift
+        self.held = len({run.payload for run in problem.runs}) > 1 if held is None else held
+        self._cache: dict[Identity, list[Vector]] = {}
+        self._noise: dict[Any, Whitener] = {}
+        self._bodies: Recent = Recent(4)
+        self._fits: Recent = Recent(24)
+        self._banks: Recent = Recent(4)
+        self._scores: Recent = Recent(8)
+        self._kept: dict[str, Recent] = {}
+        self.lasting: dict[str, Any] = {}
 
     @property
-    def n(self) -> int:
-        """Number of coordinates."""
-        return self.coordinates.shape[1]
+    def most(self) -> int:
+        """Effects at most: each motor's axis may rub in two ways."""
+        return max(self.settings.most, 2 * self.problem.model.n_motors)
 
-    @property
-    def free_center(self) -> bool:
-        """Whether the centre of the motion is searched too."""
-        return not self.zero_start and self.n == self.model.n_joints
+    def at(
+        self,
+        change: Vector,
+        effects: Sequence[tuple[Candidate, Vector]],
+        model: CableModel | None = None,
+        bearings: CableModel | None = None,
+    ) -> Search:
+        """Give the same search with the base parameters changed, and effects with coefficients in the motions.
 
-    @cached_property
-    def middle(self) -> Vector:
-        """Joint positions about which candidates move, or may be centred, shape (n_joints,).
-
-        Raises
-        ------
-        InputError
-            If the limits do not contain it.
+        A `model` says all of its parameters by itself; `bearings` has the masses that load the hinges.
         """
-        low, high = self.limits.position.T
-        if self.zero_start:
-            middle = np.zeros(len(low)) if self.n == len(low) else np.array(self.model.offset)
+        effects = [(c, c.admissible(beta)) for c, beta in effects]
+        if model is None:
+            model = updated_model(self.problem.model, self.base, change)
         else:
-            middle = np.where(np.isfinite(low + high), 0.5 * (low + high), 0.0)
-            if self.n != len(low):
-                middle = self.model.joint_position(self.model.motor_position(middle))
-        outside = np.flatnonzero((middle <= low) | (middle >= high))
-        if len(outside):
-            i = outside[0]
-            hint = "; a motion that starts at zero needs limits on both sides of it" if self.zero_start else ""
-            raise InfeasibleLimits(
-                f"infeasible limits: joint {i + 1} would move about {middle[i]:.4g}, outside "
-                f"[{low[i]:.4g}, {high[i]:.4g}]{hint}"
-            )
-        return middle
-
-    def check(self) -> None:
-        """Refuse limits that leave no motion.
-
-        Raises
-        ------
-        InputError
-            If they do not contain the middle of the motion, or standing still there takes too much torque.
-        """
-        middle = self.middle
-        if not self.free_center:
-            check_posture(self.model, self.limits, middle)
+            change = self.base.matrix @ (model.standard_parameters - self.problem.model.standard_parameters)
+        problem = self.problem.with_model(model, bearings or self.problem.bearings).with_loads(effects)
+        search = Search(problem, self.base, self.settings, self.held, self.drift)
+        search.lasting = dict(self.lasting)
+        if problem.swings or self.problem.swings:
+            return search
+        if "rigid" in self.__dict__:
+            search.__dict__["rigid"] = self.rigid
+        search.__dict__["nominal"] = [
+            nominal - np.tensordot(change, rigid[: len(change)], 1)
+            for nominal, rigid in zip(self.nominal, self.rigid, strict=True)
+        ]
+        if not (problem.shifted or self.problem.shifted):
+            search._cache = {key: value for key, value in self._cache.items() if not key.hangs_on_torques}
+        return search
 
     @property
-    def box(self) -> tuple[Vector, Vector]:
-        """Lower and upper bounds of the candidates, each of shape (d,)."""
-        centers = np.ones(self.n if self.free_center else 0)
-        coefficients = np.full(2 * self.n * self.harmonics, self.amplitude)
-        upper = np.concatenate([[self.frequency[1]], centers, coefficients])
-        return np.concatenate([[self.frequency[0]], -upper[1:]]), upper
+    def swung(self) -> list[tuple[Candidate, Vector]]:
+        """Effects with coefficients about which the links swing; none where all cables are rigid."""
+        return list(self.problem.loads) if self.problem.swings else []
 
     @cached_property
-    def reach(self) -> Vector:
-        """How far a centre may lie from the middle, shape (n_joints,) [rad or m]."""
-        half = 0.5 * np.ptp(self.limits.position, axis=1)
-        return 0.9 * np.where(np.isfinite(half), half, np.pi)
+    def stiff(self) -> Search:
+        """The same search as if no cable were soft; itself where none is."""
+        return self.at(np.zeros(len(self.base.columns)), []) if self.problem.swings else self
 
-    def decode(self, X: Vector) -> tuple[Vector, Vector, Vector, Vector]:
-        """Give base frequency (m,), centre (m, n_joints), cosine and sine (m, n, harmonics) of candidates (m, d)."""
-        first = 1 + (self.n if self.free_center else 0)
-        center = np.broadcast_to(self.middle, (len(X), len(self.middle)))
-        if self.free_center:
-            center = center + self.reach * X[:, 1:first]
-        coefficients = X[:, first:].reshape(len(X), self.n, 2, self.harmonics)
-        if self.zero_start:
-            coefficients = close(coefficients)
-        return X[:, 0], center, coefficients[:, :, 0], coefficients[:, :, 1]
+    @cached_property
+    def nominal(self) -> list[Vector]:
+        """Data less the torque of the nominal model."""
+        problem, pi = self.problem, self.problem.model.standard_parameters
+        parts = zip(problem.data, problem.rigid, problem.rotors, problem.payloads, strict=True)
+        if problem.swings:
+            return [d[0] - known - r[0] for known, (d, _, r, _) in zip(problem.known, parts, strict=True)]
+        return [d[0] - np.tensordot(pi + payload, Y, 1) - r[0] for d, Y, r, payload in parts]
 
-    def at_edge(self, X: Vector) -> tuple[Vector, Vector, tuple[Vector, Vector, Vector]]:
-        """Scale candidates to the edge of the limits: centre, factors (m, n), and motion (m, n, samples) before it."""
-        w, center, cosine, sine = self.decode(X)
-        motion = self.grid(w, cosine, sine)
-        stride = max(1, self.grid.samples // (8 * self.grid.harmonics))
-        factor = scale_to_edge(
-            self.model, self.limits, center, *motion, coordinates=self.coordinates, torque_stride=stride
-        )
-        return center, factor, motion
+    @cached_property
+    def rigid(self) -> list[Vector]:
+        """Base columns of the regressor, per run, then those of the last link's payload, then those of drifts."""
+        parts = [[Y[self.base.columns] for Y in self.problem.rigid]]
+        if self.held:
+            parts.append([run.payload * Y[-10:] for run, Y in zip(self.problem.runs, self.problem.rigid, strict=True)])
+        if self.drift is not None:
+            parts.append(self.drift.columns)
+        return [np.concatenate(own) for own in zip(*parts, strict=True)]
 
-    def rescaled(self, X: Vector) -> Vector:
-        """Give the candidates whose coefficients lie at the edge of the limits, shape (m, d)."""
-        _, factor, _ = self.at_edge(X)
-        result = X.copy()
-        first = X.shape[1] - 2 * self.n * self.harmonics
-        result[:, first:] *= np.repeat(factor, 2 * self.harmonics, axis=1)
-        return result
+    @property
+    def n_rigid(self) -> int:
+        """Number of columns of the rigid body, its payload and drifts."""
+        return len(self.rigid[0])
 
-    def joint_motion(self, center: Vector, dq: Vector, v: Vector, a: Vector) -> tuple[Vector, Vector, Vector]:
-        """Turn motions (m, n, samples) of the coordinates into q, v, a of shape (m, samples, n_joints)."""
-        if self.n != self.model.n_joints:
-            dq, v, a = (self.coordinates @ x for x in (dq, v, a))
-        q, v, a = (np.ascontiguousarray(np.swapaxes(x, 1, 2)) for x in (dq, v, a))
-        return q + center[:, None], v, a
+    @property
+    def n_bodies(self) -> int:
+        """Number of columns of the rigid body and its payload."""
+        return self.n_rigid - (len(self.drift.columns[0]) if self.drift else 0)
 
-    def motion(self, X: Vector) -> tuple[Vector, Vector, Vector]:
-        """Give q, v, a of candidates as they are, each of shape (m, samples, n_joints)."""
-        w, center, cosine, sine = self.decode(X)
-        return self.joint_motion(center, *self.grid(w, cosine, sine))
+    def judge(self, problem: Problem) -> Search:
+        """Give a search on recordings that this one has not seen, with the same columns; their zeros are not known."""
+        judge = Search(problem, self.base, self.settings, self.held)
+        if self.drift is not None:
+            shape = len(self.drift.columns[0]), problem.n_channels
+            none = [np.zeros((*shape, data.shape[2])) for data in problem.data]
+            judge.drift = replace(self.drift, columns=none)
+        return judge
 
-    def scaled(self, score: Objective):
-        """Make the function that judges candidates at the edge of the limits."""
+    def drifting(self, drift: Drift) -> Search:
+        """Give the same search with what zeros of sensors do beside the rigid body."""
+        search = Search(self.problem, self.base, self.settings, self.held, drift)
+        search._cache, search.lasting = self._cache, dict(self.lasting)
+        if "nominal" in self.__dict__:
+            search.__dict__["nominal"] = self.nominal
+        return search
 
-        def evaluate(X: Vector) -> Vector:
-            center, factor, motion = self.at_edge(X)
-            return score(*self.joint_motion(center, *(factor[..., None] * x for x in motion)))
+    def recent(self, name: str, most: int = 8) -> Recent:
+        """Give the last few results that a function of this name has kept with the search."""
+        return self._kept.setdefault(name, Recent(most))
 
-        return evaluate
+    def columns(self, candidate: Candidate) -> list[Vector]:
+        """Columns of a candidate in the band, per run; kept for the next time."""
+        key = candidate.identity
+        if key not in self._cache:
+            self._cache[key] = [lines.dense() for lines in self.problem.reduce(candidate.columns)]
+        return self._cache[key]
 
-    def penalised(self, score: Objective):
-        """Make the function that adds a constant to candidates that break a limit, eqs (46), (49), as printed."""
+    def forget(self, candidate: Candidate) -> None:
+        """Keep the columns of a candidate no longer, such as one of many shapes that are tried."""
+        self._cache.pop(candidate.identity, None)
 
-        def evaluate(X: Vector) -> Vector:
-            center, factor, motion = self.at_edge(X)
-            _, _, cosine, sine = self.decode(X)
-            sums = np.abs(np.stack([cosine, sine])[..., : self.harmonics].sum(axis=-1)).max(axis=(0, 2))
-            broken = (factor.min(axis=1) < 1.0) | (sums > self.amplitude)
-            return score(*self.joint_motion(center, *motion)) + PENALTY * broken
+    def is_crossed(self, play: Candidate) -> bool:
+        """Whether the play of a cable is crossed on any recording, as far as motors alone tell."""
+        return any(motion.changes_sides(play.place.index[0]) for motion in self.problem.motions)
 
-        return evaluate
+    def size(self, *candidates: Candidate) -> int:
+        """Count the parameters of candidates: coefficients and what of their shapes is estimated."""
+        return sum(len(self.columns(c)[0]) + c.extra for c in candidates)
 
-    def natural(self, x: Vector) -> Vector:
-        """Give the size that each entry of a candidate has within the limits, shape (d,)."""
-        kw = x[0] * np.arange(1, self.harmonics + 1)
-        to_coordinate = np.abs(np.linalg.pinv(self.coordinates))
-        limits = self.limits
-        position, velocity, acceleration = (
-            to_coordinate @ np.where(np.isfinite(limit), limit, 1e3)
-            for limit in (0.5 * np.ptp(limits.position, axis=1), limits.velocity, limits.acceleration)
-        )
-        size = np.minimum.reduce(
-            [np.repeat(position[:, None], len(kw), axis=1), velocity[:, None] / kw, acceleration[:, None] / kw**2]
-        )
-        centers = np.full(self.n if self.free_center else 0, 0.5)
-        return np.concatenate([[0.3 * x[0]], centers, np.repeat(size, 2, axis=0).ravel()])
+    def white(self, whitener: Whitener, banks: Sequence[Vector], segments: Sequence[Segments] | None = None) -> Vector:
+        """Whiten columns of all runs, shape (n_columns, n_rows)."""
+        segments = self.problem.segments if segments is None else segments
+        parts = [whitener(bank, run, r) for r, (bank, run) in enumerate(zip(banks, segments, strict=True))]
+        return np.concatenate(parts, axis=1)
 
-    def linear_limits(self, x: Vector, steps: Vector) -> tuple[Vector, Vector]:
-        """Linearise the limits about a candidate: ``A @ d <= b`` for a change ``steps * d`` of it.
+    @cached_property
+    def sensed(self) -> Whitener:
+        """White noise as large as what the sensors bring by themselves."""
+        return Whitener.white(self.problem.sensed, len(self.problem.runs))
 
-        Limits of position, velocity and acceleration are linear in all but the base frequency. Only those of which more
-        than half is used are listed.
+    @property
+    @lasting
+    def common(self) -> tuple[Candidate, ...]:
+        """Effects that most machines have, there to keep what is not yet explained out of the noise."""
+        names = ("viscous_friction", "coulomb_friction", "torque_offset", "joint_spring")
+        candidates = [
+            c for c in all_candidates(self.problem, names) if c.effect.name != "joint_spring" or not c.shape[0]
+        ]
+        return tuple(candidates)
 
-        Parameters
-        ----------
-        x, steps : ndarray, shape (d,)
+    @property
+    @lasting
+    def loads(self) -> Vector:
+        """Root mean square of the data, per channel."""
+        return rms(self, [x[0] for x in self.problem.data])
 
-        Returns
-        -------
-        A : ndarray, shape (n_rows, d)
-        b : ndarray, shape (n_rows,)
-        """
-        stack, inverse, limits = np.vstack([x, np.diag(steps)]), self.model.motor_from_joint, self.limits
-        stack[1:, 0] = x[0]
-        q, v, a = self.motion(stack)
-        q[1:] -= self.middle
-        v[1], a[1] = v[0] * steps[0] / x[0], 2 * a[0] * steps[0] / x[0]
-        q[1] = 0.0
-        half, middle = 0.5 * np.ptp(limits.position, axis=1), limits.position.mean(axis=1)
-        pairs = [(q, half, middle), (v, limits.velocity, 0.0), (a, limits.acceleration, 0.0)]
-        pairs += [(v @ inverse.T, limits.motor_velocity, 0.0), (a @ inverse.T, limits.motor_acceleration, 0.0)]
-        if np.isfinite(limits.motor_torque).any():
-            pairs.append((self._torques(x, steps), limits.motor_torque, 0.0))
-        rows, bounds = [], []
-        for change, limit, zero in pairs:
-            value = change[0] - zero
-            for sign in (1.0, -1.0):
-                sample, joint = np.nonzero(np.isfinite(limit) & (sign * value > 0.5 * limit))
-                rows.append(sign * change[1:, sample, joint].T)
-                bounds.append(limit[joint] - sign * value[sample, joint])
-        return np.vstack(rows), np.concatenate(bounds)
+    @property
+    @lasting
+    def plain(self) -> Whitener:
+        """Scale the channels only."""
+        channels = range(self.problem.n_channels)
+        level = np.array([_level(self.nominal, self.problem.segments, c) for c in channels])
+        return Whitener.white(level, len(self.problem.runs))
 
-    def _torques(self, x: Vector, steps: Vector) -> Vector:
-        """Motor torques and their derivatives per step, shape (1 + d, some samples, n_motors)."""
-        h = 1e-5
-        stack = np.vstack([x, x + h * np.diag(steps)])
-        stride = max(1, self.grid.samples // (8 * self.grid.harmonics))
-        motion = [y[:, ::stride] for y in self.motion(stack)]
-        tau_m = motor_torques(self.model, *(y.reshape(-1, y.shape[-1]) for y in motion))
-        tau_m = tau_m.reshape(len(stack), -1, tau_m.shape[-1])
-        tau_m[1:] = (tau_m[1:] - tau_m[0]) / h
-        return tau_m
+    def noise(self, effects: Sequence[Candidate], rounds: int = 3) -> Whitener:
+        """Estimate the noise as what rigid body and effects leave over."""
+        key = key_of(effects)
+        if key not in self._noise:
+            own = [self.columns(c) for c in effects]
+            banks = [
+                np.concatenate([self.rigid[r], states, *[columns[r] for columns in own], self.nominal[r][None]])
+                for r, states in enumerate(self.problem.states)
+            ]
+            whitener, quiet, blocks = self.plain, self.problem.segments, self.problem.blocks
+            for _ in range(rounds):
+                W = self.white(whitener, banks, quiet)
+                theta = least_squares(W[:-1], W[-1])[0]
+                residuals = [bank[-1] - np.tensordot(theta, bank[:-1], 1) for bank in banks]
+                whitener, quiet = fit_quiet(residuals, self.problem.segments, self.settings.order, blocks)
+            self._noise[key] = whitener
+        return self._noise[key]
 
-    def series(self, x: Vector) -> FourierSeries:
-        """Scale a candidate to the edge on a fine grid, with a bound on what lies between its samples.
+    def body(self, whitener: Whitener) -> Body:
+        """Whiten data and rigid body."""
+        known = self._bodies.get(whitener)
+        if known is not None:
+            return known
+        parts = zip(self.rigid, self.problem.states, self.nominal, strict=True)
+        W = self.white(whitener, [np.concatenate([rigid, states, nominal[None]]) for rigid, states, nominal in parts])
+        _, Q, inverse = least_squares(W[:-1], W[-1])
+        residual = W[-1] - Q @ (Q.T @ W[-1])
+        return self._bodies.keep(Body(Q, inverse[: self.n_rigid], W[-1], residual), whitener)
 
-        Raises
-        ------
-        InputError
-            If standing still at its centre takes more torque than allowed.
-        """
-        w, center, cosine, sine = self.decode(x[None])
-        check_posture(self.model, self.limits, center[0])
-        grid = PeriodGrid(max(4096, 256 * self.grid.harmonics), self.grid.harmonics)
-        motion = (y * grid.overshoot for y in grid(w, cosine, sine))
-        factor = scale_to_edge(self.model, self.limits, center, *motion, coordinates=self.coordinates)
-        J = self.coordinates * factor[0] * (1 - 1e-9)
-        return FourierSeries(float(w[0]), center[0], J @ cosine[0], J @ sine[0])
+    def fit(self, effects: Sequence[Candidate], whitener: Whitener | None = None) -> Fit:
+        """Fit rigid body and effects; estimate the noise anew unless a whitener is given."""
+        if whitener is None:
+            whitener = self.noise(effects)
+        order = tuple(c.identity for c in effects)
+        known = self._fits.get(whitener, order)
+        return known if known is not None else self._fits.keep(self._fit(effects, whitener), whitener, order)
+
+    def _fit(self, effects: Sequence[Candidate], whitener: Whitener) -> Fit:
+        own = [self.white(whitener, self.columns(c)) for c in effects]
+        return fitted(self.problem, whitener, effects, self.body(whitener), own)
+
+    def without(self, fit: Fit, *left_out: int) -> Fit:
+        """Fit again, in the same noise, without the effects of these numbers."""
+        return self.fit([c for i, c in enumerate(fit.effects) if i not in left_out], fit.whitener)
+
+    def bank(self, candidates: Sequence[Candidate]) -> Bank:
+        """Compute the columns of many candidates."""
+        return make_bank(self.problem, candidates)
+
+    def renewed(self, bank: Bank) -> Bank:
+        """Compute those columns of a bank anew that depend on the torques of the body and of other effects."""
+        return bank.renewed(self.problem)
+
+    def score_all(self, fit: Fit, bank: Bank) -> list[Score]:
+        """Score every candidate of a bank against a fit."""
+        if not bank.candidates:
+            return []
+        known = self._scores.get(fit, bank)
+        if known is not None:
+            return known
+        return self._scores.keep(self._white_bank(fit.body, fit.whitener, bank).scores(fit, bank), fit, bank)
+
+    def _white_bank(self, body: Body, whitener: Whitener, bank: Bank) -> WhiteBank:
+        known = self._banks.get(whitener, bank)
+        if known is not None:
+            return known
+        size = bank.slices[-1].stop * len(body.data)
+        if 8 * (size + sum(kept.W.size for kept in self._banks.values())) > _LARGE:
+            self._banks.clear()
+        return self._banks.keep(whitened(bank, whitener, self.problem.segments, body), whitener, bank)
+
+    def score(self, fit: Fit, candidate: Candidate) -> Score:
+        """Score one candidate."""
+        W = self.white(fit.whitener, self.columns(candidate))
+        rest = fit.rest(W)
+        gram = rest @ rest.T
+        return scored(gram, rest @ fit.residual, np.einsum("ij,ij->i", W, W), np.diag(gram), candidate.signs)
+
+
+def errors(search: Search, base: Vector, effects: Sequence[Candidate], beta: Sequence[Vector]) -> list[Vector]:
+    """Subtract what a fitted model predicts from the data, in the band, per run (n_channels, n_reduced)."""
+    own = [search.columns(c) for c in effects]
+    out = []
+    for r, (rigid, nominal) in enumerate(zip(search.rigid, search.nominal, strict=True)):
+        e = nominal - np.tensordot(base, rigid, 1)
+        for columns, b in zip(own, beta, strict=True):
+            e = e - np.tensordot(b, columns[r], 1)
+        out.append(e)
+    return out
+
+
+def rms(search: Search, errors: Sequence[Vector]) -> Vector:
+    """Root mean square per channel over the samples that are judged."""
+    parts = [e[:, a:b] for e, run in zip(errors, search.problem.segments, strict=True) for a, b in run]
+    return np.sqrt(np.mean(np.concatenate(parts, axis=1) ** 2, axis=1)) if parts else np.array([])
+
+
+def _level(data: Sequence[Vector], segments: Sequence[Any], channel: int) -> float:
+    values = [x[channel, a:b] for x, run in zip(data, segments, strict=True) for a, b in run]
+    return float(np.std(np.concatenate(values))) + 1e-12 if values else 1.0
+
+
+def key_of(effects: Sequence[Candidate]) -> frozenset[Identity]:
+    """Say which effects these are, whatever their order."""
+    return frozenset(c.identity for c in effects)

@@ -13,7 +13,7 @@ from .optimisers import Minimum, Progress, Tracker, covariance_adaptation
 
 
 class LinearlyLimited(Protocol):
-    """A search space whose limits can be linearised; see `cdm_pin.search.SearchSpace`."""
+    """A search space whose limits can be linearised; see `cdm_pin.search_space.SearchSpace`."""
 
     @property
     def box(self) -> tuple[Vector, Vector]:

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from .effects import CATALOGUE, Candidate
+from .fit import Fit
 from .geometry import Vector
 from .motion import Motion
 from .problem import Problem
-from .selection import Fit, Search
+from .search import Search
 from .swing import FARTHEST, slopes_along
 
 RATIO = 1.35

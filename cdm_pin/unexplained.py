@@ -8,15 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from .drifting import still_errors
 from .effects import Candidate, Place, axis_places
 from .explain import Explanation, Found, is_loud, unnamed
+from .fit import Fit
 from .geometry import Vector
+from .leftover import clear_noise, follows_state, left_over, loosely_left_over
 from .measured import both_positions
 from .model import CableModel
 from .motion import Motion
 from .problem import Problem, Run
 from .regions import change_time
-from .selection import Fit, Search, rms, still_errors
+from .search import Search, rms
 from .signals_filters import differentiate, lowpass
 from .spectra import tone_peaks, wandering
 from .unseen import deviance_unseen
@@ -54,7 +57,7 @@ def noise_floor(search: Search, effects: Sequence[Candidate] = ()) -> Vector:
     It is what smooth functions of position, speed, direction and time leave over beside the rigid body and what was
     found, less what these functions take of the noise.
     """
-    return search.left_over(effects)[1].rms
+    return left_over(search, effects)[1].rms
 
 
 def at_corrections(explanation: Explanation, corrections: Sequence[Found]) -> dict[str, Any]:
@@ -137,7 +140,7 @@ def nameless(explanation: Explanation, only_loud: bool = False) -> dict[str, Any
         return None
     found = Found(patch, search.score(explanation.fit, patch), 0.0, 0.0)
     if only_loud and not is_loud(found.score):
-        clear = search.fit(effects, search.clear(effects))  # slow bursts pass for noise otherwise
+        clear = search.fit(effects, clear_noise(search, effects))  # slow bursts pass for noise otherwise
         if not is_loud(search.score(clear, patch)):
             return None
     fit = search.fit([*effects, patch], explanation.fit.whitener)
@@ -153,14 +156,14 @@ def beyond_floor(search: Search, judge: Search | None, explanation: Explanation)
     """
     limit = 2.0 if search.problem.torque else 1.5
     fit, both = explanation.fit, [search] if judge is None else [search, judge]
-    rests = [search.left_over(fit.effects, smooth=False)[1].rms]
-    rests += [] if judge is None else [judge.loosely_left_over(fit)]
+    rests = [left_over(search, fit.effects, smooth=False)[1].rms]
+    rests += [] if judge is None else [loosely_left_over(judge, fit)]
     least = np.max([_least(there) for there in both], axis=0)
     floors = [_floor(there, fit, least) for there in both]
     ratios = np.divide(rests, floors)
     rest, ratio = rests[0], np.maximum(np.min(ratios, axis=0), 0.5 * ratios[-1] * (judge is not None))
     worst = int(np.argmax(ratio))
-    if not search.problem.segments or ratio[worst] < limit or not search.follows_state(fit):
+    if not search.problem.segments or ratio[worst] < limit or not follows_state(search, fit):
         return None, 0.0
     motor = worst % search.problem.model.n_motors + 1
     words = f"the error of motor {motor} is {ratio[worst]:.1f} times its noise, in no shape that was tried"
@@ -172,7 +175,7 @@ def is_far(search: Search, fit: Fit) -> bool:
     """Whether a fit leaves torques far above the sensors' noise, much of which smooth functions of the state take."""
     if not search.problem.torque or not any(search.problem.segments):
         return False
-    left, noise = (search.left_over(fit.effects, smooth=smooth)[1].rms for smooth in (False, True))
+    left, noise = (left_over(search, fit.effects, smooth=smooth)[1].rms for smooth in (False, True))
     far = (left > ROUGH * noise) & (left > FAR * search.problem.sensed)
     return bool(np.any(far[: search.problem.model.n_motors]))
 
@@ -189,7 +192,7 @@ def beyond_training(search: Search, judge: Search, fit: Fit, limit: float = 4.0)
         return None
     own = _floor(search, fit, _least(search))
     floor = np.maximum(np.minimum(_floor(judge, fit, _least(judge)), LOUDER * own), _least(judge))
-    anew = judge.left_over(fit.effects, smooth=False)[1].rms  # other poses may need masses that the training left open
+    anew = left_over(judge, fit.effects, smooth=False)[1].rms  # other poses may need masses that the training left open
     rest = still_errors(judge, fit)
     size = rms(judge, rest)
     times = np.minimum(2.0 * anew, size) / floor
@@ -231,7 +234,7 @@ def wandering_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     are.
     """
     problem, m = search.problem, search.problem.model.n_motors
-    rest, noise = search.left_over(fit.effects, smooth=False)
+    rest, noise = left_over(search, fit.effects, smooth=False)
     if not problem.torque or not problem.segments or np.max(wandering(noise)[:m]) < WANDERING:
         return None
     width = max(3, int(0.25 / max(float(noise.centres[0]), 1e-3)))
@@ -259,7 +262,7 @@ def wandering_travel(search: Search, fit: Fit) -> dict[str, Any] | None:
     problem, m = search.problem, search.problem.model.n_motors
     if not (problem.torque and problem.kinematic) or not any(problem.segments):
         return None
-    rest, noise = search.left_over(fit.effects, smooth=False)
+    rest, noise = left_over(search, fit.effects, smooth=False)
     steps = max(problem.steps_at(i) for i in range(problem.model.n_joints))
     size = noise.rms[m:] / np.hypot(steps, _accuracy(search, fit)[m:])
     size = np.where(wandering(noise)[m:] > STEADY, size, 0.0)
@@ -301,8 +304,8 @@ def ringing_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     problem, m = search.problem, search.problem.model.n_motors
     if not problem.torque or not any(problem.segments):
         return None
-    rest, noise = search.left_over(fit.effects, smooth=False)
-    rounder = search.left_over(fit.effects)[1]
+    rest, noise = left_over(search, fit.effects, smooth=False)
+    rounder = left_over(search, fit.effects)[1]
     loud = noise.rms > FAR * np.hypot(_least(search), _accuracy(search, fit))
     own, beside = _rises(noise.power), _rises(rounder.power)
     peaks = np.where(loud & (beside.max(axis=1) > ROUNDER), own.max(axis=1), 0.0)[:m]

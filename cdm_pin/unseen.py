@@ -6,8 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .doubts import stretches
+from .drifting import own_drifts
+from .fit import Fit
 from .geometry import Vector
-from .selection import Fit, Search, errors
+from .search import Search, errors
 
 
 def deviance_unseen(judge: Search, fit: Fit) -> float:
@@ -22,10 +25,9 @@ def updated(judge: Search, fit: Fit, series: Sequence[Vector]) -> tuple[float, f
     Those of the rigid body act through soft cables, too.
     """
     own = [judge.columns(c) for c in fit.effects]
-    rigid = [a + b for a, b in zip(judge.rigid, judge.stretches(fit), strict=True)]
-    banks = [
-        np.concatenate([rigid[r], *[columns[r] for columns in own], judge.drifts[r], x]) for r, x in enumerate(series)
-    ]
+    rigid = [a + b for a, b in zip(judge.rigid, stretches(judge, fit), strict=True)]
+    waves = own_drifts(judge)
+    banks = [np.concatenate([rigid[r], *[columns[r] for columns in own], waves[r], x]) for r, x in enumerate(series)]
     W = judge.white(fit.whitener, banks)
     k = len(fit.covariance)
     values, vectors = np.linalg.eigh(fit.covariance)

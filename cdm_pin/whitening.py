@@ -269,6 +269,20 @@ def _aligned(channels: Sequence[Vector]) -> Vector:
     return np.array([x[:n] for x in channels])
 
 
+def inside_of(bank: Vector, run: Segments) -> Vector:
+    """Join the samples of segments, (..., n) -> (..., fewer)."""
+    return np.concatenate([bank[..., a:b] for a, b in run] or [bank[..., :0]], axis=-1)
+
+
+def put_back(rows: Vector, run: Segments, n: int) -> Vector:
+    """Put samples of segments back where they were, zeros elsewhere."""
+    out, first = np.zeros((*rows.shape[:-1], n)), 0
+    for a, b in run:
+        out[..., a:b] = rows[..., first : first + b - a]
+        first += b - a
+    return out
+
+
 def quiet_segments(
     residuals: Sequence[Vector], segments: Sequence[Segments], length: int = 16, limit: float = 4.0
 ) -> list[Segments]:

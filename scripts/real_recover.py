@@ -33,7 +33,8 @@ from cdm_pin.files import write_text
 from cdm_pin.model import CableModel, load_model
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording
-from cdm_pin.selection import Search, Settings
+from cdm_pin.search import Search
+from cdm_pin.settings import Settings
 from cdm_pin.wording import candidate
 
 HEAD = ("robot", "hidden", "size hidden", "said", "place", "size found", "verdict", "outcome")

@@ -36,7 +36,7 @@ from cdm_pin.plant.mjcf import Strands
 from cdm_pin.plant.sensing import Noise, Sensors
 from cdm_pin.plant.simulate import Run, measured
 from cdm_pin.recording import Recording
-from cdm_pin.search import PENALTY
+from cdm_pin.search_space import PENALTY
 
 ROOT = Path(__file__).resolve().parent.parent
 NOISE = 0.05  # [N m], standard deviation of the logged torque

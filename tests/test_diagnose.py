@@ -10,11 +10,12 @@ from cdm_pin.band import make_band
 from cdm_pin.cli import main
 from cdm_pin.diagnose import diagnose, distinct
 from cdm_pin.gather import gather
+from cdm_pin.leftover import left_over
 from cdm_pin.manipulator import save_manipulator
 from cdm_pin.model import load_model
 from cdm_pin.recording import Recording
 from cdm_pin.scoring import score
-from cdm_pin.selection import rms
+from cdm_pin.search import rms
 
 KEYS = {
     "schema",
@@ -91,7 +92,10 @@ def test_the_completed_model_is_complete(tmp_path, effect, seed):
     save_manipulator(first.manipulator, tmp_path / "model.yaml")
     again = diagnose(load_model(tmp_path / "model.yaml"), runs, unseen)
     assert again.content["verdict"] == "consistent"
-    left, fitted = rms(again.search, again.search.nominal), first.search.left_over(first.explanation.fit.effects)[1].rms
+    left, fitted = (
+        rms(again.search, again.search.nominal),
+        left_over(first.search, first.explanation.fit.effects)[1].rms,
+    )
     assert np.all(left < 1.5 * fitted)
 
 

@@ -11,14 +11,17 @@ from scipy.signal import lfilter
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.diagnose import diagnose
 from cdm_pin.drift import Drift, drift_columns, drifting_channels, slow_shapes, without_drift
+from cdm_pin.drifting import own_drifts, still, with_drift
 from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.effects import CATALOGUE, Candidate
 from cdm_pin.explain import _drifted
 from cdm_pin.gather import gather
+from cdm_pin.masses import about
 from cdm_pin.model import load_model
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording
-from cdm_pin.selection import Search, Settings
+from cdm_pin.search import Search
+from cdm_pin.settings import Settings
 from cdm_pin.wording import candidate, clause
 
 ARM = Path(__file__).resolve().parent.parent / "urdf" / "cdm2.yaml"
@@ -48,15 +51,15 @@ def recording(seed, drift=0.0, coulomb=0.0, correlation=0.7, push=0.0, quick=0.0
 def search_of(record):
     model = load_model(ARM)
     search = Search(make_problem(model, [record]), base_parameters(model, columns=massive_columns(model)), Settings())
-    return search.about(search.fit([]))
+    return about(search, search.fit([]))
 
 
 def test_a_drift_is_seen_and_noise_is_not():
     """Slow waves as large as the noise stand out; coloured noise alone does not, nor does friction."""
-    assert search_of(recording(0, drift=0.02)).with_drift().drift is not None
+    assert with_drift(search_of(recording(0, drift=0.02))).drift is not None
     for seed in range(1, 5):
-        assert search_of(recording(seed)).with_drift().drift is None
-    assert search_of(recording(5, coulomb=0.1)).with_drift().drift is None
+        assert with_drift(search_of(recording(seed))).drift is None
+    assert with_drift(search_of(recording(5, coulomb=0.1))).drift is None
 
 
 def test_a_large_wander_is_no_drift():
@@ -125,7 +128,7 @@ def test_a_push_is_no_quick_drift():
 def test_a_quick_drift_is_no_push():
     """Zeros that move more quickly than usual are not taken for pushes."""
     runs = [recording(seed, drift=0.02, quick=0.015) for seed in (40, 41)]
-    assert search_of(runs[0]).with_drift().drift.quicker
+    assert with_drift(search_of(runs[0])).drift.quicker
     assert diagnose(load_model(ARM), runs[:1], runs[1:]).content["verdict"] == "consistent"
 
 
@@ -153,7 +156,7 @@ def test_encoders_do_not_drift():
     search = Search(make_problem(model, [both]), base_parameters(model, columns=massive_columns(model)), Settings())
     m, n = model.n_motors, search.problem.data[0].shape[2]
     search.drift = Drift([np.zeros((0, 2 * m, n))], (0, 1))
-    (columns,) = search.drifts
+    (columns,) = own_drifts(search)
     shares = []
     for channel in range(2 * m):
         own = columns[:, channel]
@@ -163,9 +166,9 @@ def test_encoders_do_not_drift():
     assert max(shares[:m]) < 0.02
     assert min(shares[m:]) > 0.25  # as where nothing drifts
     error = np.ones((2 * m, n))
-    (still,) = search.still([error])
-    assert np.array_equal(still[m:], error[m:])
-    assert np.abs(still[:m]).mean() < 0.2
+    (left,) = still(search, [error])
+    assert np.array_equal(left[m:], error[m:])
+    assert np.abs(left[:m]).mean() < 0.2
 
 
 def test_a_push_that_comes_again_in_the_unseen_recording_is_a_push():

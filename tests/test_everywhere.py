@@ -11,6 +11,7 @@ import pytest
 from trials import search_of
 
 from cdm_pin.band import make_band
+from cdm_pin.bank import all_candidates
 from cdm_pin.completed import added_torque
 from cdm_pin.diagnose import _records
 from cdm_pin.dynamics import motor_torques
@@ -20,7 +21,8 @@ from cdm_pin.findings import parameters
 from cdm_pin.model import load_model
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording
-from cdm_pin.selection import Search, Settings, all_candidates
+from cdm_pin.search import Search
+from cdm_pin.settings import Settings
 
 ROOT = Path(__file__).resolve().parent.parent
 RATE, SECONDS = 200.0, 24.0
@@ -125,10 +127,10 @@ def rubbing(monkeypatch, axes, law, n=3, each=1000.0):
 
     search = SimpleNamespace(
         problem=SimpleNamespace(torque=True, model=SimpleNamespace(n_motors=n)),
-        clear=lambda effects: None,
         fit=fit,
         score_all=lambda fit, part: [SimpleNamespace(statistic=law if part is laws else 500.0)],
     )
+    monkeypatch.setattr("cdm_pin.everywhere.clear_noise", lambda search, effects: None)
     monkeypatch.setattr("cdm_pin.everywhere.axis_places", lambda model: places)
     monkeypatch.setattr("cdm_pin.everywhere.at_all_axes", lambda search, names: rubs)
     return search, bank, rubs

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cdm_pin.bank import all_candidates
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.model import load_model
@@ -12,7 +13,8 @@ from cdm_pin.patches import PATCHES
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording
 from cdm_pin.regions import change_time, region, visible_energy
-from cdm_pin.selection import Search, Settings, all_candidates
+from cdm_pin.search import Search
+from cdm_pin.settings import Settings
 
 ARM = Path(__file__).resolve().parent.parent / "urdf" / "cdm2.yaml"
 

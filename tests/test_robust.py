@@ -8,9 +8,11 @@ import pytest
 from trials import loaded_trial, search_of
 
 from cdm_pin import diagnose as diagnosis
-from cdm_pin import explain, selection, unexplained
+from cdm_pin import drifting, explain, unexplained
+from cdm_pin.bank import all_candidates
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.diagnose import diagnose
+from cdm_pin.doubts import instants, offsets, sides, stretches, unsure_stretches
 from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.effects import (
     CATALOGUE,
@@ -24,13 +26,18 @@ from cdm_pin.effects import (
     pair_places,
 )
 from cdm_pin.findings import absorbed, is_above_steps, is_known, is_plainer, sizes_in_errors, with_law_errors
+from cdm_pin.likelihood import likelihood_ratio
+from cdm_pin.masses import likely_masses
 from cdm_pin.model import load_model
 from cdm_pin.patches import PATCHES
 from cdm_pin.problem import Problem, make_problem
 from cdm_pin.recording import Recording
 from cdm_pin.robust import around, bursts, robust_score
-from cdm_pin.selection import Score, Search, Settings, all_candidates, scored
+from cdm_pin.scores import Score, scored
+from cdm_pin.search import Search
 from cdm_pin.sensor_noise import motion_limit
+from cdm_pin.settings import Settings
+from cdm_pin.shapes import _white_slopes, loosened, yielding
 from cdm_pin.signals import prepare
 from cdm_pin.spectra import Spectrum, spectrum
 from cdm_pin.unexplained import is_far, ringing_torque, wandering_travel
@@ -69,7 +76,7 @@ def test_an_offset_below_half_a_step_is_no_evidence(tmp_path):
     step = problem.sensors.joint_steps[0]
     assert step == pytest.approx(2 * np.pi / 2**14, rel=1e-6)
     column = fit.rest(search.white(fit.whitener, search.columns(first)))
-    assert search.offsets(fit)[0] == pytest.approx(0.5 * step * column[0])
+    assert offsets(search, fit)[0] == pytest.approx(0.5 * step * column[0])
     hidden = fit.residual + 0.4 * step * column[0]
     shifted = type(fit)(**{**fit.__dict__, "residual": hidden})
     assert robust_score(search, shifted, first).statistic < 1.0 + search.score(fit, first).statistic
@@ -160,10 +167,10 @@ def test_a_weak_push_does_not_pass_for_slow_noise(tmp_path):
     push, other = (
         Candidate(CATALOGUE["external_torque"], place, (start + shift, end + shift, 0.0)) for shift in (0.0, 12.0)
     )
-    whitener, ratio = search.likelihood_ratio([], push)
+    whitener, ratio = likelihood_ratio(search, [], push)
     assert ratio > 1.5 * search.score(search.fit([]), push).statistic
     assert search.score(search.fit([], whitener), push).statistic > ratio > 60.0
-    assert search.likelihood_ratio([], other)[1] < 15.0
+    assert likelihood_ratio(search, [], other)[1] < 15.0
     (finding,) = diagnose(model, runs, unseen).content["findings"]
     assert (finding["effect"], finding["location"]["index"]) == ("external_torque", 2)
 
@@ -188,7 +195,7 @@ def test_viscous_friction_of_a_slow_motion_does_not_pass_for_slow_noise():
         Settings(),
     )
     law = Candidate(CATALOGUE["viscous_friction"], joint_places(model)[1])
-    whitener, ratio = search.likelihood_ratio([], law)
+    whitener, ratio = likelihood_ratio(search, [], law)
     assert ratio > 100.0
     assert search.score(search.fit([], whitener), law).beta[0] == pytest.approx(30.0, rel=0.02)
 
@@ -375,13 +382,13 @@ def test_shapes_give_way_to_what_is_scored_beside_them(tmp_path):
     search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
     friction, *_ = all_candidates(problem, ["coulomb_friction"])
     fit = search.fit([replace(friction, shape=(3.0 * friction.shape[0],))])
-    loose = search.loosened(fit)
-    slopes = search._white_slopes(fit)
+    loose = loosened(search, fit)
+    slopes = _white_slopes(search, fit)
     assert loose.Q.shape[1] == fit.Q.shape[1] + 1 == len(slopes) + fit.Q.shape[1]
     np.testing.assert_allclose(loose.Q.T @ loose.Q, np.eye(loose.Q.shape[1]), atol=1e-8)
     np.testing.assert_allclose(loose.rest(slopes), 0.0, atol=1e-6 * np.linalg.norm(slopes))
     assert np.linalg.norm(loose.residual) <= np.linalg.norm(fit.residual)
-    assert search.loosened(search.fit([])).Q.shape[1] == 0
+    assert loosened(search, search.fit([])).Q.shape[1] == 0
 
 
 @pytest.mark.parametrize(
@@ -408,6 +415,7 @@ def test_no_law_stands_for_what_was_withdrawn_and_explains_more(monkeypatch):
         return worth[candidate] if candidate == "elsewhere" or "withdrawn" not in fit else 0.0
 
     monkeypatch.setattr(explain, "gain", gain)
+    monkeypatch.setattr(explain, "refine", lambda search, fit, c: (c, None))
     monkeypatch.setattr(explain, "_passes", lambda search, candidate, score, weight, fit: True)
 
     class Effects(list):
@@ -417,7 +425,6 @@ def test_no_law_stands_for_what_was_withdrawn_and_explains_more(monkeypatch):
         settings=Settings(),
         fit=lambda effects, whitener=None: Effects(effects),
         score=lambda fit, c: None,
-        refine=lambda fit, c: (c, None),
     )
     for names, expected in (
         (["weaker", "equal"], "equal"),
@@ -479,14 +486,14 @@ def test_masses_stretch_cables_by_their_torque(tmp_path):
     (soft, *_) = all_candidates(problem, ["cable_elasticity"])
     fit = search.fit([soft])
     fit = replace(fit, beta=(np.array([fit.beta[0][0], 0.0]),))  # no damper
-    (rows,) = search.stretches(fit)
+    (rows,) = stretches(search, fit)
     for k in range(len(search.base.columns)):
         there = search.at(np.eye(len(search.base.columns))[k], [(soft, fit.beta[0])])
         change = np.tensordot(fit.beta[0], there.columns(soft)[0] - search.columns(soft)[0], 1)
         inside = slice(*problem.segments[0][0])
         mine, other = rows[k][2:, inside], change[2:, inside]
         assert np.allclose(mine, other, atol=1e-2 * np.abs(other).max() + 1e-12)
-    left = search.unsure_stretches(search.fit([soft]))
+    left = unsure_stretches(search, search.fit([soft]))
     assert left.shape[1] == fit.n_rows and np.isfinite(left).all()
 
 
@@ -499,7 +506,6 @@ def test_no_law_takes_the_place_of_two(monkeypatch):
         settings=Settings(),
         size=lambda c: 1 + (c is not simple),
         noise=lambda a: None,
-        tuned=lambda a, noise: a,
         without=lambda fit, j: SimpleNamespace(effects=()),
         score=lambda without, candidate: score,
     )
@@ -511,6 +517,7 @@ def test_no_law_takes_the_place_of_two(monkeypatch):
 
     own = [score, score]
     monkeypatch.setattr(explain, "explained", explained)
+    monkeypatch.setattr(explain, "tuned", lambda search, a, noise: a)
     explanation = SimpleNamespace(
         search=search, found=found, fit=None, bank=SimpleNamespace(laws=SimpleNamespace(candidates=()))
     )
@@ -660,16 +667,18 @@ def test_a_blurred_sign_does_not_rise_above_its_friction(tmp_path, effect, seed)
     ("left", "smooth", "far"),
     [(0.5, 0.1, True), (0.5, 0.4, False), (0.04, 0.01, False)],  # structure; none; below what sensors bring
 )
-def test_structure_far_above_the_sensors_noise_is_far(left, smooth, far):
+def test_structure_far_above_the_sensors_noise_is_far(monkeypatch, left, smooth, far):
     """What smooth functions of the state take out of a residual counts only far above the sensors' noise."""
-    search = SimpleNamespace(
-        problem=SimpleNamespace(
-            torque=True, segments=[[(0, 9)]], sensed=np.array([0.01]), model=SimpleNamespace(n_motors=1)
-        ),
-        left_over=lambda effects, smooth: (None, SimpleNamespace(rms=np.array([smooth_rms if smooth else left]))),
+    problem = SimpleNamespace(
+        torque=True, segments=[[(0, 9)]], sensed=np.array([0.01]), model=SimpleNamespace(n_motors=1)
     )
+
+    def left_over(search, effects, smooth):
+        return None, SimpleNamespace(rms=np.array([smooth_rms if smooth else left]))
+
     smooth_rms = smooth
-    assert is_far(search, SimpleNamespace(effects=())) == far
+    monkeypatch.setattr(unexplained, "left_over", left_over)
+    assert is_far(SimpleNamespace(problem=problem), SimpleNamespace(effects=())) == far
 
 
 @pytest.mark.parametrize(("spread", "known"), [(0.1, True), (3.0, False)])
@@ -801,7 +810,7 @@ def test_joints_that_move_together_by_noisy_encoders_show_no_rotor():
     assert plain > 10.0
     assert max(robust_score(search, fit, c).statistic for c in rotors) < 0.3 * plain
     cdm2 = load_model("urdf/cdm2.yaml")
-    assert not len(search_of(cdm2, swept(cdm2, 0)).sides(fit))
+    assert not len(sides(search_of(cdm2, swept(cdm2, 0)), fit))
 
 
 def test_bursts_that_pass_for_noise_are_told():
@@ -863,7 +872,7 @@ def test_what_instants_are_unsure_by_is_no_friction(tmp_path):
         name: robust_score(search, fit, law).statistic / search.score(fit, law).statistic for name, law in best.items()
     }
     assert share["viscous_friction"] < 0.7 < 0.9 < share["time_delay"]
-    assert not len(search.instants(search.fit([best["time_delay"]])))
+    assert not len(instants(search, search.fit([best["time_delay"]])))
 
 
 @pytest.mark.parametrize(
@@ -892,9 +901,9 @@ def test_a_finding_is_loud_where_it_takes_most_of_the_error(monkeypatch, left, l
     place = next(p for p in CATALOGUE["coulomb_friction"].places(model) if p.location == {"kind": "motor", "index": 2})
     candidate = Candidate(CATALOGUE["coulomb_friction"], place, (0.1,))
     fits = {name: SimpleNamespace(base=name, effects=(), beta=()) for name in ("with", "without")}
-    monkeypatch.setattr(selection, "errors", lambda judge, base, effects, beta: base)
+    monkeypatch.setattr(diagnosis, "still_errors", lambda judge, fit: fit.base)
     monkeypatch.setattr(diagnosis, "rms", lambda judge, name: np.array({"with": [8.9, 1.0], "without": left}[name]))
-    judge = SimpleNamespace(problem=SimpleNamespace(model=model), still=lambda name: name)
+    judge = SimpleNamespace(problem=SimpleNamespace(model=model))
     explanation = SimpleNamespace(
         fit=fits["with"],
         found=[SimpleNamespace(candidate=candidate)],
@@ -940,7 +949,7 @@ def test_a_delay_of_a_small_part_of_a_sample_is_none(tmp_path, delay, resolved):
 
 
 @pytest.mark.parametrize(("hop", "moves"), [(0.0, False), (0.02, True)])
-def test_a_cable_that_hops_into_another_groove_is_no_noise(hop, moves):
+def test_a_cable_that_hops_into_another_groove_is_no_noise(monkeypatch, hop, moves):
     """An autoregression takes steps of a travel for noise; two encoders have none that stays."""
     model, rng = load_model("urdf/cdm2.yaml"), np.random.default_rng(0)
     rest = 5e-5 * rng.normal(size=(4, 1200))
@@ -957,8 +966,8 @@ def test_a_cable_that_hops_into_another_groove_is_no_noise(hop, moves):
         band=SimpleNamespace(reduced_rate=20.0, step=10),
         runs=[SimpleNamespace(motion=SimpleNamespace(time=np.arange(12000) / 200))],
     )
-    search = SimpleNamespace(problem=problem, left_over=lambda effects, smooth=True: ([rest], noise))
-    told = wandering_travel(search, SimpleNamespace(effects=(), beta=()))
+    monkeypatch.setattr(unexplained, "left_over", lambda search, effects, smooth=True: ([rest], noise))
+    told = wandering_travel(SimpleNamespace(problem=problem), SimpleNamespace(effects=(), beta=()))
     assert (told is not None) == moves
     if told:
         assert told["location"] == {"kind": "cable", "index": 2} and "24.0, 40.0 s" in told["region"]
@@ -969,7 +978,7 @@ def test_encoders_on_both_sides_may_be_off_alike(tmp_path):
     model, runs, _, _ = loaded_trial(tmp_path, 5, effects=["cable_elasticity"], positions="both", n_links=2)
     search = Search(make_problem(model, runs), base_parameters(model, columns=massive_columns(model)), Settings())
     fit = search.fit([])
-    rows = search.offsets(fit)
+    rows = offsets(search, fit)
     torque = fit.n_rows // 2
     assert len(rows) == 2 and np.linalg.norm(rows[:, :torque]) > 100 * np.linalg.norm(rows[:, torque:])
 
@@ -977,10 +986,10 @@ def test_encoders_on_both_sides_may_be_off_alike(tmp_path):
 @pytest.mark.parametrize(("size", "worse"), [(0.5, False), (9.0, False), (11.0, True)])
 def test_what_makes_the_plain_error_larger_explains_nothing(monkeypatch, size, worse):
     """Nothing is found that makes the error ten times larger, whatever it does where the noise is said to be small."""
-    monkeypatch.setattr(selection, "errors", lambda search, base, effects, beta: [np.full((2, 50), base)])
+    monkeypatch.setattr(drifting, "errors", lambda search, base, effects, beta: [np.full((2, 50), base)])
     monkeypatch.setattr(explain, "rms", lambda search, left: np.sqrt(np.mean(left[0] ** 2, axis=1)))
     without, both = (SimpleNamespace(base=x, effects=(), beta=(), whitener=None) for x in (1.0, size))
-    search = SimpleNamespace(fit=lambda effects, whitener: both, still=lambda left: left)
+    search = SimpleNamespace(fit=lambda effects, whitener: both, drift=None)
     assert explain._worsens(search, without, None) == worse
 
 
@@ -1064,7 +1073,7 @@ def test_the_distance_within_which_friction_gives_is_found(best):
     def fit(effects, whitener):
         return SimpleNamespace(deviance=100.0 * abs(np.log(effects[0].gives / best)))
 
-    found = Search.yielding(SimpleNamespace(fit=fit), [rubs, replace(rubs, gives=0.0)], None)
+    found = yielding(SimpleNamespace(fit=fit), [rubs, replace(rubs, gives=0.0)], None)
     assert [c.gives for c in found] == [best, 0.0]
 
 
@@ -1079,7 +1088,7 @@ def test_masses_that_no_torque_tells_stay_as_the_file_has_them(std, share):
     change = 0.05 * base.values(model.standard_parameters)
     change[0] += 0.0 if share else 500.0
     covariance = np.diag([std**2, *np.full(p - 1, 1e-12)])
-    likely = Search._likely_masses(search, SimpleNamespace(base=change, covariance=covariance))
+    likely = likely_masses(search, SimpleNamespace(base=change, covariance=covariance))
     moved = base.values(likely.standard_parameters) - base.values(model.standard_parameters)
     assert moved[1:] == pytest.approx(change[1:], rel=0.02, abs=1e-6)
     assert np.abs(likely.standard_parameters - model.standard_parameters).max() < 1.0
@@ -1098,7 +1107,7 @@ def test_dry_friction_that_is_sure_is_no_unequal_friction(tmp_path):
 
 
 @pytest.mark.parametrize(("height", "rings"), [(1.0, False), (100.0, True)])
-def test_a_residual_that_rings_is_no_noise(height, rings):
+def test_a_residual_that_rings_is_no_noise(monkeypatch, height, rings):
     """Sensors have more noise at no frequency than at lower ones, but for what encoders make of accelerations."""
     model, rng = load_model("urdf/cdm2.yaml"), np.random.default_rng(0)
     power = np.ones((2, 20))
@@ -1112,12 +1121,9 @@ def test_a_residual_that_rings_is_no_noise(height, rings):
         n_channels=2,
         band=SimpleNamespace(reduced_rate=20.0),
     )
-    search = SimpleNamespace(
-        problem=problem,
-        settings=Settings(),
-        loads=np.ones(2),
-        left_over=lambda effects, smooth=True: ([np.outer([0.0, 1.0], rng.normal(size=400))], noise),
-    )
+    search = SimpleNamespace(problem=problem, settings=Settings(), loads=np.ones(2))
+    rest = [np.outer([0.0, 1.0], rng.normal(size=400))]
+    monkeypatch.setattr(unexplained, "left_over", lambda search, effects, smooth=True: (rest, noise))
     told = ringing_torque(search, SimpleNamespace(effects=(), beta=()))
     assert (told is not None) == rings
     if told:

@@ -12,20 +12,28 @@ from scipy.spatial.transform import Rotation
 from trials import loaded_trial
 
 from cdm_pin.band import make_band
-from cdm_pin.base import base_parameters, massive_columns
+from cdm_pin.bank import all_candidates
+from cdm_pin.base import base_parameters, massive_columns, updated_model
 from cdm_pin.diagnose import diagnose
+from cdm_pin.drifting import own_drifts
 from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.effects import CATALOGUE, Candidate, joint_places, pair_places
 from cdm_pin.explain import _peakless, explained, freed, is_resolved, settled
 from cdm_pin.findings import parameters, unseen_step, with_scatter
+from cdm_pin.leftover import left_over, tones
+from cdm_pin.likelihood import even_noise
 from cdm_pin.manipulator import parse_manipulator
+from cdm_pin.masses import about
 from cdm_pin.model import build_model, load_model
 from cdm_pin.next_experiment import plan_next
 from cdm_pin.patches import PATCHES
 from cdm_pin.plant.draw import draw
 from cdm_pin.problem import _thinned, make_problem
 from cdm_pin.recording import Recording, load_recording
-from cdm_pin.selection import Score, Search, Settings, all_candidates, errors, rms, tones, updated_model
+from cdm_pin.scores import Score
+from cdm_pin.search import Search, errors, rms
+from cdm_pin.settings import Settings
+from cdm_pin.shapes import refine
 from cdm_pin.signals_filters import differentiate, lowpass
 from cdm_pin.spectra import spectrum, stands_out, whitener_of
 from cdm_pin.urdf import generate_urdf
@@ -107,7 +115,7 @@ def test_a_tilted_base_reveals_first_moments():
     felt = np.zeros(20)  # by joint 1: its own first moment and the mass of link 2 at its end
     felt[[first, mass]] = 1.0, content["links"][0]["length"]
     file, true = felt @ model.standard_parameters, felt @ wrong
-    without = search.about(search.fit([]))
+    without = about(search, search.fit([]))
     there, _ = settled(search, all_candidates(search.problem, ["base_tilt"]))
     assert abs(felt @ without.problem.model.standard_parameters - true) > 0.5 * abs(true - file)
     assert felt @ there.problem.model.standard_parameters == pytest.approx(true, abs=0.2 * abs(true - file))
@@ -368,9 +376,9 @@ def test_columns_that_hang_on_torques_are_taken_about_what_was_found():
         for name in ("torque_gain_error", "viscous_friction")
     )
     before = [search.columns(c)[0] for c in (gain, friction)]
-    about = search.about(search.fit([]))
-    np.testing.assert_allclose(about.columns(gain)[0], 1.3 * before[0], atol=0.03 * np.abs(before[0]).max())
-    assert about.columns(friction)[0] is before[1]
+    there = about(search, search.fit([]))
+    np.testing.assert_allclose(there.columns(gain)[0], 1.3 * before[0], atol=0.03 * np.abs(before[0]).max())
+    assert there.columns(friction)[0] is before[1]
 
 
 def test_rounding_names_nothing():
@@ -393,7 +401,7 @@ def test_a_delay_is_what_its_column_was_made_for(tmp_path):
     search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
     here = truth["effects"][0]["location"]
     delay = next(c for c in all_candidates(problem, ["time_delay"]) if c.location == here)
-    found, score = search.refine(search.fit([]), delay)
+    found, score = refine(search, search.fit([]), delay)
     assert found.shape[0] == pytest.approx(score.beta[0], rel=0.02)
     assert score.beta[0] == pytest.approx(truth["effects"][0]["parameters"]["delay"], rel=0.3)
 
@@ -417,7 +425,7 @@ def test_a_stated_payload_is_in_the_motion(tmp_path):
     model = load_model(paths["manipulator"])
     problem = make_problem(model, [load_recording(path, model) for path in paths["recordings"]])
     search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
-    for there in (problem, search.about(search.fit([])).problem):
+    for there in (problem, about(search, search.fit([])).problem):
         masses = [run.motion.model.standard_parameters[-10] for run in there.runs]
         held = [run.payload for run in there.runs]
         assert sorted(held)[0] == 0.0 < sorted(held)[1]
@@ -463,7 +471,7 @@ def test_friction_and_a_constant_on_one_motor_are_not_unequal_friction_and_one_o
 
 
 @pytest.mark.parametrize("moved", [0.0, 2.5])
-def test_a_line_of_the_motion_is_no_disturbance(moved):
+def test_a_line_of_the_motion_is_no_disturbance(monkeypatch, moved):
     """Half a per cent of what the motion asks for at a frequency is left by masses; alone it is a disturbance."""
     t, rng = np.arange(1200) / 20.0, np.random.default_rng(0)
     line = np.sin(2 * np.pi * 0.94 * t)
@@ -474,7 +482,8 @@ def test_a_line_of_the_motion_is_no_disturbance(moved):
         segments=[[(0, 1200)]],
         data=[(moved * np.stack([line, line]) + rest)[None]],
     )
-    found = tones(SimpleNamespace(problem=problem, left_over=lambda effects, smooth: ([rest], None)))
+    monkeypatch.setattr("cdm_pin.leftover.left_over", lambda search, effects, smooth: ([rest], None))
+    found = tones(SimpleNamespace(problem=problem))
     assert [round(c.shape[0], 2) for c in found] == [0.94] * len(found)
     assert bool(found) != bool(moved)
 
@@ -492,10 +501,10 @@ def test_friction_of_a_joint_behind_a_wrong_cable_map_is_estimated_exactly(tmp_p
     problem = make_problem(model, runs)
     effects = [Candidate(CATALOGUE[names[0]], places[0]), Candidate(CATALOGUE[names[1]], places[1], (0.026,))]
     search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
-    whitener = search.even(effects)
+    whitener = even_noise(search, effects)
     for _ in range(6):
         fit = search.fit(effects, whitener)
-        search = search.about(fit)
+        search = about(search, fit)
     (ratio,), (dry, unequal) = fit.beta
     assert ratio == pytest.approx(wrong["parameters"]["relative_error"], rel=0.03)
     sizes = rub["parameters"]["coulomb_positive"], rub["parameters"]["coulomb_negative"]
@@ -509,14 +518,14 @@ def test_friction_behind_a_late_logger_comes_to_rest(tmp_path):
     model, runs, _, truth = loaded_trial(tmp_path, 7047, effects=["coulomb_friction", "time_delay"], **draws)
     problem = make_problem(model, runs)
     search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
-    search = search.about(search.fit([]))
+    search = about(search, search.fit([]))
     sat = [effect["location"] for effect in truth["effects"]]
     effects = [
         next(c for c in all_candidates(problem, [name]) if c.location == place).detailed(problem.motions)
         for name, place in zip(("coulomb_friction", "time_delay"), sat, strict=True)
     ]
     there, effects = settled(search, effects, rounds=4)
-    left, noise = (there.left_over(effects, smooth=smooth)[1].rms for smooth in (False, True))
+    left, noise = (left_over(there, effects, smooth=smooth)[1].rms for smooth in (False, True))
     assert np.all(left < 1.1 * noise)
     delay = truth["effects"][1]["parameters"]["delay"]
     assert there.fit(effects).beta[1][0] == pytest.approx(delay, rel=0.01)
@@ -695,7 +704,7 @@ def test_zeros_of_encoders_do_not_drift_on_unseen_recordings(tmp_path):
     problem = make_problem(model, unseen)
     search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
     m = model.n_motors
-    assert all(drifts[:, :m].any() and not drifts[:, m:].any() for drifts in search.drifts)
+    assert all(drifts[:, :m].any() and not drifts[:, m:].any() for drifts in own_drifts(search))
     found = diagnose(model, runs, unseen).content["findings"]
     (fault,) = truth["effects"]
     assert [(f["effect"], f["location"]) for f in found] == [(fault["effect"], fault["location"])]

@@ -5,7 +5,8 @@ from cdm_pin.model import load_model
 from cdm_pin.plant.draw import draw
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import load_recording
-from cdm_pin.selection import Search, Settings
+from cdm_pin.search import Search
+from cdm_pin.settings import Settings
 
 
 def written_trial(folder, seed, **options):

@@ -1,0 +1,90 @@
+"""Zeros of sensors that drift: seen in what is left over, put beside the rigid body, taken out of errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .drift import LONG, LOUD, QUICKER, Drift, drift_columns, drifting_channels, slow_shapes, without_drift
+from .effects import Candidate
+from .fit import Fit
+from .geometry import Vector
+from .leftover import plain_rest, smooth_columns
+from .recent import kept
+from .search import Search, errors, rms
+
+
+def with_drift(search: Search, effects: Sequence[Candidate] = (), most: int = QUICKER) -> Search:
+    """Give the same search with the slow shapes of sensors' zeros beside the rigid body, where the data show them.
+
+    Judged in what effects and smooth functions of the state leave over, by the frequencies next to theirs; at most
+    so many waves are quicker than usual.
+    """
+    problem, rate = search.problem, search.problem.band.reduced_rate
+    if not problem.torque or not any(problem.segments):
+        return search
+    rest, basis = plain_rest(search, effects, smooth_columns(search))
+    seen = rest, basis, problem.segments, rate, problem.model.n_motors
+    channels = drifting_channels(*seen)
+    if not channels:
+        return search
+    quicker = 0
+    while quicker < most and set(channels) & set(drifting_channels(*seen, quicker + 1)):
+        quicker += 1
+    return search.drifting(Drift(slow_waves(search, channels, LONG, quicker), tuple(channels), quicker))
+
+
+def drifts_like(search: Search, other: Search) -> bool:
+    """Whether the zeros of the same motors drift as quickly in another search, or none in either."""
+    own, theirs = ((d.channels, d.quicker) if d is not None else None for d in (search.drift, other.drift))
+    return own == theirs
+
+
+def is_swamped(search: Search, fit: Fit) -> bool:
+    """Whether the drift in a fit is so much larger than what is left that it is no drift of a sensor.
+
+    The drift is that beside laws alone: corrections without a name wander themselves.
+    """
+    if search.drift is None:
+        return False
+    own = search.fit([c for c in fit.effects if c.named], fit.whitener).base[search.n_bodies : search.n_rigid]
+    drift = [np.tensordot(own, columns, 1) for columns in search.drift.columns]
+    rest = still_errors(search, fit)
+    return bool(np.any(rms(search, drift) > LOUD * rms(search, rest)))
+
+
+@kept
+def own_drifts(search: Search) -> list[Vector]:
+    """Columns of what the zeros of torques do on recordings that are judged: for every motor and run alone.
+
+    Something of a constant stays visible beside them, unless they were seen to drift; those of encoders do not.
+    """
+    channels = range(search.problem.model.n_motors * search.problem.torque)
+    if search.drift is None:
+        return slow_waves(search, channels, 1.0)
+    return slow_waves(search, channels, LONG, search.drift.quicker)
+
+
+def slow_waves(search: Search, channels: Sequence[int], stretch: float, quicker: int = 0) -> list[Vector]:
+    """Give slow shapes of their own to some channels of every run (`drift_columns`)."""
+    lengths = [data.shape[2] for data in search.problem.data]
+    rate, n = search.problem.band.reduced_rate, search.problem.n_channels
+    return drift_columns(lengths, rate, n, channels, stretch, quicker)
+
+
+def still(search: Search, errors: Sequence[Vector]) -> list[Vector]:
+    """Take slow shapes out of torque errors where zeros were seen to drift, per run (n_channels, n_reduced)."""
+    if search.drift is None:
+        return list(errors)
+    rate, m = search.problem.band.reduced_rate, search.problem.model.n_motors
+    out = []
+    for e, run in zip(errors, search.problem.segments, strict=True):
+        shapes = slow_shapes(e.shape[1], rate, LONG, search.drift.quicker)
+        out.append(np.concatenate([without_drift(e[:m], run, shapes), e[m:]]))
+    return out
+
+
+def still_errors(search: Search, fit: Fit) -> list[Vector]:
+    """Compute what a fit leaves of a search's recordings, drifts aside."""
+    return still(search, errors(search, fit.base, fit.effects, fit.beta))

@@ -1,0 +1,155 @@
+"""Fits: rigid body and effects by least squares in whitened data, coefficients at their bounds where signs say so."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .effects import Candidate
+from .geometry import Vector
+from .problem import Problem
+from .whitening import Whitener
+
+
+@dataclass(frozen=True)
+class Body:
+    """The rigid body in whitened data.
+
+    Attributes
+    ----------
+    Q : ndarray, shape (n_rows, rank)
+        Orthonormal basis of its columns.
+    inverse : ndarray, shape (n_parameters, rank)
+        Base parameters per coordinate in that basis.
+    data, residual : ndarray, shape (n_rows,)
+        What is measured, and what is left of it.
+    """
+
+    Q: Vector
+    inverse: Vector
+    data: Vector
+    residual: Vector
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Rigid body and effects fitted to whitened data.
+
+    Attributes
+    ----------
+    problem : Problem
+    whitener : Whitener
+    effects : tuple of Candidate
+    body : Body
+    Q : ndarray, shape (n_rows, rank)
+        Orthonormal basis of the effects' columns as far as the rigid body leaves them over.
+    residual : ndarray, shape (n_rows,)
+        Whitened.
+    base : ndarray
+        Base parameters, differences from the model's.
+    beta : tuple of ndarray
+        Coefficients of each effect.
+    covariance : ndarray
+        Of base parameters and all coefficients, in that order.
+    """
+
+    problem: Problem
+    whitener: Whitener
+    effects: tuple[Candidate, ...]
+    body: Body
+    Q: Vector
+    residual: Vector
+    base: Vector
+    beta: tuple[Vector, ...]
+    covariance: Vector
+
+    @property
+    def n_rows(self) -> int:
+        """Whitened samples of all channels."""
+        return len(self.residual)
+
+    @property
+    def deviance(self) -> float:
+        """Residual sum of squares in whitened units."""
+        return float(self.residual @ self.residual)
+
+    def rest(self, W: Vector) -> Vector:
+        """Take from whitened columns what the fit spans, shape (n_columns, n_rows)."""
+        W = W - (W @ self.body.Q) @ self.body.Q.T
+        return W - (W @ self.Q) @ self.Q.T
+
+
+def own_covariance(fit: Fit, j: int) -> Vector:
+    """Give the covariance of the coefficients of effect `j` of a fit."""
+    start = len(fit.base) + sum(len(beta) for beta in fit.beta[:j])
+    own = slice(start, start + len(fit.beta[j]))
+    return fit.covariance[own, own]
+
+
+def fitted(
+    problem: Problem, whitener: Whitener, effects: Sequence[Candidate], body: Body, own: Sequence[Vector]
+) -> Fit:
+    """Fit effects, whose own whitened columns are given, beside the rigid body."""
+    X = np.concatenate([np.zeros((0, len(body.data))), *own])
+    inside = X @ body.Q
+    free, size = X - inside @ body.Q.T, np.linalg.norm(X, axis=1)
+    signs = np.array([s for c, x in zip(effects, own, strict=True) for s in _minor_signs(c, len(x))])
+    if len(free) > 40:
+        free[at_bound(free, body.residual, size, signs)] = 0.0
+    theta, Q, inverse = least_squares(free, body.residual, size)
+    while len(signs) and np.any((signs > 0) & (theta < 0)):  # held at their bound, zero
+        free[np.argmin(np.where(signs > 0, theta * size, np.inf))] = 0.0
+        theta, Q, inverse = least_squares(free, body.residual, size)
+    carried = -body.inverse @ inside.T  # base parameters per coefficient
+    base = body.inverse @ (body.Q.T @ body.data) + carried @ theta
+    p, k = len(base), len(theta)
+    covariance = np.zeros((p + k, p + k))
+    covariance[p:, p:] = inverse @ inverse.T
+    covariance[:p, p:] = carried @ covariance[p:, p:]
+    covariance[p:, :p] = covariance[:p, p:].T
+    covariance[:p, :p] = body.inverse @ body.inverse.T + covariance[:p, p:] @ carried.T
+    sizes = np.cumsum([0, *[len(x) for x in own]])
+    beta = tuple(theta[a:b] for a, b in itertools.pairwise(sizes))
+    residual = body.residual - Q @ (Q.T @ body.residual)
+    return Fit(problem, whitener, tuple(effects), body, Q, residual, base, beta, covariance)
+
+
+def _minor_signs(candidate: Candidate, k: int) -> list[int]:
+    """Signs of those coefficients that may be zero; where only the first has one, it decides on the effect itself."""
+    signs = candidate.signs
+    return [*(signs if any(signs[1:]) else [0, *signs[1:]]), *[0] * k][:k]
+
+
+def least_squares(A: Vector, b: Vector, size: Vector | None = None) -> tuple[Vector, Vector, Vector]:
+    """Solve A' x = b for the rows of A; give x, an orthonormal basis of the rows, and x per coordinate in it.
+
+    `size` is what the rows are measured by where their own norm would not tell noise from nothing; by default that is
+    the largest of all, beside which a rounding error is nothing.
+    """
+    own = np.linalg.norm(A, axis=1)
+    least = 1e-12 * np.max(own, initial=0.0) if size is None else 1e-7 * size
+    scale = np.where(own > least, own, np.inf)
+    if not len(A) or not np.isfinite(scale).any():
+        return np.zeros(len(A)), np.zeros((len(b), 0)), np.zeros((len(A), 0))
+    U, s, Vt = np.linalg.svd((A / scale[:, None]).T, full_matrices=False)
+    keep = s > 1e-6 * s[0]
+    U, inverse = U[:, keep], (Vt[keep].T / s[keep]) / scale[:, None]
+    return inverse @ (U.T @ b), U, inverse
+
+
+def at_bound(A: Vector, b: Vector, size: Vector, signs: np.ndarray) -> np.ndarray:
+    """Find the coefficients that signs hold at zero, from inner products: for many columns."""
+    scale = np.where(np.linalg.norm(A, axis=1) > 1e-7 * size, np.maximum(size, 1e-300), np.inf)
+    gram, c = (A / scale[:, None]) @ (A / scale[:, None]).T, (A / scale[:, None]) @ b
+    held = np.zeros(len(A), bool)
+    while True:
+        live = np.flatnonzero(~held)
+        theta = np.zeros(len(A))
+        theta[live] = np.linalg.lstsq(gram[np.ix_(live, live)], c[live], rcond=1e-10)[0]
+        wrong = (signs > 0) & (theta < 0)
+        if not wrong.any():
+            return held
+        held[np.argmin(np.where(wrong, theta, np.inf))] = True
