@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from . import findings as fi
+from .asked import asked_but_for_laws, drowned, next_law
 from .bank import Bank, all_candidates
 from .base import base_parameters, massive_columns
 from .consistency import nearest_standard
@@ -18,38 +19,27 @@ from .drifting import drifts_like, is_swamped, still, still_errors, with_drift
 from .effects import STOPS, Candidate
 from .events import ProgressCallback
 from .everywhere import agreements, confirmed
-from .explain import (
-    EVIDENT,
-    PREFERENCE,
-    REFINING,
-    Explanation,
-    Found,
-    asked_but_for_laws,
-    drowned,
-    evidence,
-    explain,
-    explained,
-    is_loud,
-    likelihood,
-    next_law,
-    patch,
-    settled,
-    still_standing,
-    tied,
-)
+from .explain import explain
+from .explanation import Explanation, Found, explained
 from .fit import Fit
 from .geometry import Manipulator, Vector, frozen_array
 from .leftover import left_over
+from .likelihood import REFINING, evidence, likelihood
 from .masses import about
 from .model import CableModel
 from .next_experiment import Experiment, plan_next
+from .patching import patch
+from .plainness import EVIDENT, PREFERENCE
 from .problem import Problem, Run, make_problem
+from .pruning import still_standing
 from .recording import Recording
 from .regions import region
 from .replay import Replay, simulated_position
 from .replay_runs import replay_runs
 from .search import Search, errors, rms
 from .settings import Settings
+from .settling import settled, tied
+from .significance import is_loud
 from .soft import looser, softest
 from .unexplained import (
     at_corrections,

@@ -15,9 +15,14 @@ import numpy as np
 
 from .bank import Bank
 from .effects import CATALOGUE, Candidate, Place, axis_places, joint_places, parallel
+from .events import Reporter
+from .explanation import Explanation, Found
 from .fit import Fit
+from .leaders import best_of, leading
 from .leftover import clear_noise
+from .masses import about
 from .model import CableModel
+from .scores import family_wise
 from .search import Search
 
 FRICTION = ("viscous_friction", "coulomb_friction", "torque_offset")
@@ -69,6 +74,52 @@ def rubs_everywhere(search: Search, bank: Bank, found: Sequence[Candidate], leas
     scores = zip(bank.laws.candidates, search.score_all(alone, bank.laws), strict=True)
     law = max((score.statistic for c, score in scores if not _rubs(c)), default=0.0)
     return bool(alone.deviance - law > whole)
+
+
+def everything(search: Search, bank: Bank, say: Reporter) -> Explanation:
+    """Put in whole kinds of physics first, then what else has a name and is significant with care.
+
+    Not so what changes the torques of the model itself, like gains and delays: that is no finding while the model is
+    still far from the data. What moves the travel between encoders is one, as these tell it by themselves.
+    """
+    accepted = kinds_first(search)
+    motion = search.problem.motions[0]
+
+    def may_stand(c: Candidate) -> bool:
+        own = not c.effect.follows or (search.problem.kinematic and c.raw_columns(motion).kinematic is not None)
+        return own and c.effect.name not in ("external_torque", "friction_drift")
+
+    for k in range(search.problem.model.n_motors):
+        say("searching", 0.3 + 0.4 * k / search.problem.model.n_motors)
+        fit, clear = search.fit(accepted), search.fit(accepted, clear_noise(search, accepted))
+        search = about(search, clear)
+        bank = search.renewed(bank)
+        leaders = [c for c, _, _ in leading(search, clear, bank, 40, accepted) if may_stand(c)][:12]
+        say.looked(clear, leaders)
+        winner = _careful_winner(search, fit, clear, leaders)
+        if winner is None:
+            break
+        accepted = [*accepted, winner]
+    accepted = needed(search, accepted)
+    search = about(search, search.fit(accepted))
+    bank = search.renewed(bank)
+    fit = search.fit(accepted)
+    found = [Found(c, search.score(search.without(fit, j), c), 0.0, 0.0) for j, c in enumerate(accepted)]
+    say.looked(fit)
+    return Explanation(tuple(found), fit, search.fit([], fit.whitener), bank, search, everywhere=True)
+
+
+def _careful_winner(search: Search, fit: Fit, clear: Fit, leaders: list[Candidate], most: int = 3) -> Candidate | None:
+    """Pick the best candidate that is significant with care too; the first few that are not keep no other one out."""
+    for _ in range(most):
+        winner = best_of(search, clear, leaders)
+        if winner is None:
+            return None
+        candidate = winner[0]
+        if family_wise(search.score(fit, candidate), candidate, 1e-3) <= np.log(search.settings.alarm):
+            return candidate
+        leaders = [c for c in leaders if c.key != candidate.key]
+    return None
 
 
 def _apart(places: Sequence[Place], model: CableModel) -> list[Place]:

@@ -12,9 +12,11 @@ from scipy.optimize import brentq
 
 from .drifting import own_drifts
 from .effects import CATALOGUE, SWUNG, Candidate, Columns, Effect, coupled_alike, parallel, twin_places
-from .explain import POSTURE, Explanation, Found, evidence
+from .explanation import Explanation, Found
 from .fit import Fit
 from .geometry import Vector
+from .leaders import POSTURE
+from .likelihood import evidence
 from .model import CableModel
 from .motion import Motion
 from .patches import MISREAD

@@ -7,7 +7,7 @@ import numpy as np
 from .diagnose import Diagnosis
 from .doubts import COMPLIANT
 from .effects import Candidate, remembered
-from .explain import Explanation, Found
+from .explanation import Explanation, Found
 from .fit import Fit
 from .geometry import Vector
 from .replay import Replay

@@ -1,15 +1,29 @@
-"""Likelihoods of models, each in the noise that suits it best."""
+"""What likelihoods weigh: models in the noise that suits each best, and what a candidate beside a fit is worth."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from .effects import Candidate
+from .effects import SHARING, Candidate
+from .fit import Fit
 from .geometry import Vector
+from .scores import Score
 from .search import Search, errors, rms
 from .whitening import Whitener, fit_whitener, log_likelihood, quiet_segments
+
+REFINING = ("stribeck_friction", *SHARING)
+"""Laws whose first column is dry friction, the others what refines it."""
+ODD = 4.0
+"""By how much log-evidence likelier what turns at a ratio of its own with two axes must be than what turns with one."""
+
+
+def likelihood(search: Search, effects: Sequence[Candidate]) -> float:
+    """Give the log-likelihood of effects in the noise that suits them best, less half of BIC's penalty."""
+    noise, size = search.noise(effects), search.size(*effects) + len(search.problem.states[0]) + search.n_rigid
+    return log_likelihood(noise, search.problem.segments) - 0.5 * np.log(search.fit(effects, noise).n_rows) * size
 
 
 def likelihood_ratio(
@@ -64,3 +78,58 @@ def _errors(search: Search, effects: Sequence[Candidate], whitener: Whitener) ->
     """Take rigid body and effects, fitted in a given noise, from the data."""
     fit = search.fit(effects, whitener)
     return errors(search, fit.base, fit.effects, fit.beta)
+
+
+def gain(search: Search, fit: Fit, candidate: Candidate, score: Score) -> float:
+    """Give the log-likelihood gained less half of BIC's penalty."""
+    return 0.5 * score.statistic - 0.5 * np.log(fit.n_rows) * (score.k + candidate.extra)
+
+
+def evidence(search: Search, without: Fit, candidate: Candidate, size: float) -> float:
+    """Give the log-likelihood that a candidate gains, less what its parameters could have fitted of anything.
+
+    Before the data are seen, each coefficient may bring a torque as large as that which is explained, `size`, the
+    whitened sum of squares: a refinement that the data hardly see costs nothing, one that they would see well costs as
+    much as it could have been off. What refines dry friction has coefficients as large as its own. What is estimated of
+    the shape counts as it does in Akaike's criterion, but a ratio of speeds, which may be anything, as `ODD`.
+    """
+    columns = search.white(without.whitener, search.columns(candidate))
+    norm = np.linalg.norm(columns, axis=1, keepdims=True)
+    left = without.rest(np.divide(columns, norm, out=np.zeros_like(columns), where=norm > 0))
+    if candidate.effect.name in REFINING and norm[0] > 0:
+        own = slice(1, len(candidate.effect.signs))  # without what details the sign of a velocity
+        left[own] *= np.minimum(norm[own] / norm[0], 1.0)
+    room = float(np.linalg.slogdet(np.eye(len(left)) + max(size, 1.0) * left @ left.T)[1])
+    score = confined(without, candidate, columns, freed(search, without, candidate, search.score(without, candidate)))
+    own_ratio = candidate.place.is_pair or candidate.effect.name == "transmission_coupling"
+    return 0.5 * score.statistic - 0.5 * room - candidate.extra - ODD * own_ratio
+
+
+def confined(fit: Fit, candidate: Candidate, columns: Vector, score: Score) -> Score:
+    """Give the score, beside a fit, of friction that brakes everywhere (`Effect.brakes`), near the best that does.
+
+    What drives zeros away leaves the constant of asymmetric friction free to be anything; so it may be none.
+    """
+    n = candidate.effect.brakes
+    if not n or not np.isfinite(score.statistic) or candidate.is_plausible(score.beta, fit.effects):
+        return score
+    rest = fit.rest(columns)
+    gram, c = rest @ rest.T, rest @ fit.residual
+    for weight in np.geomspace(1e-6, 1e3, 28) * max(gram[0, 0], 1e-300):
+        beta = np.linalg.lstsq(gram + weight * np.diag([0.0 < i < n for i in range(len(c))]), c, rcond=1e-12)[0]
+        if candidate.is_plausible(beta, fit.effects):
+            return replace(score, statistic=float(2.0 * beta @ c - beta @ gram @ beta), beta=beta)
+    return replace(score, statistic=-np.inf)
+
+
+def freed(search: Search, fit: Fit, candidate: Candidate, score: Score) -> Score:
+    """Give the score with what the fit gains where it has coefficients that signs hold at zero, as a candidate may not.
+
+    A peak of friction is none as long as the drag beside it is missing.
+    """
+    pairs = zip(fit.effects, fit.beta, strict=True)
+    held = any(s and b == 0.0 for c, own in pairs for s, b in zip(c.signs, own, strict=False))
+    if not held or not np.isfinite(score.statistic):
+        return score
+    both = search.fit([*fit.effects, candidate], fit.whitener)
+    return replace(score, statistic=fit.deviance - both.deviance)

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import norm
 
 from .effects import Candidate
-from .explain import Explanation
+from .explanation import Explanation
 from .geometry import Vector
 from .motion import Motion
 from .problem import Problem, Run

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sized
 from functools import wraps
 from typing import Any, TypeVar
 
-T = TypeVar("T")
+S, T = TypeVar("S", bound=Sized), TypeVar("T")
 
 
 class Recent:
@@ -41,14 +41,18 @@ class Recent:
         return tuple(x if isinstance(x, tuple | frozenset | bool) else id(x) for x in owners)
 
 
-def kept(function: Callable[..., T]) -> Callable[..., T]:
+def kept(function: Callable[..., S]) -> Callable[..., S]:
     """Keep the last few results of a function of a search, and of what belongs to it, with the search."""
 
     @wraps(function)
-    def known(search: Any, *owners: Any) -> T:
+    def known(search: Any, *owners: Any) -> S:
         recent = search.recent(function.__name__)
         found = recent.get(*owners)
-        return found if found is not None else recent.keep(function(search, *owners), *owners)
+        if found is None:
+            found = function(search, *owners)
+            if len(found):  # nothing at all is soon made again
+                recent.keep(found, *owners)
+        return found
 
     return known
 

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from .asked import unnamed
 from .drifting import still_errors
 from .effects import Candidate, Place, axis_places
-from .explain import Explanation, Found, is_loud, unnamed
+from .explanation import Explanation, Found
 from .fit import Fit
 from .geometry import Vector
 from .leftover import clear_noise, follows_state, left_over, loosely_left_over
@@ -21,6 +22,7 @@ from .problem import Problem, Run
 from .regions import change_time
 from .search import Search, rms
 from .signals_filters import differentiate, lowpass
+from .significance import is_loud
 from .spectra import tone_peaks, wandering
 from .unseen import deviance_unseen
 

@@ -14,12 +14,12 @@ from cdm_pin.drift import Drift, drift_columns, drifting_channels, slow_shapes, 
 from cdm_pin.drifting import own_drifts, still, with_drift
 from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.effects import CATALOGUE, Candidate
-from cdm_pin.explain import _drifted
 from cdm_pin.gather import gather
 from cdm_pin.masses import about
 from cdm_pin.model import load_model
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording
+from cdm_pin.resolved import _drifted
 from cdm_pin.search import Search
 from cdm_pin.settings import Settings
 from cdm_pin.wording import candidate, clause

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from trials import loaded_trial, search_of
 
+from cdm_pin import asked, drifting, plainness, pruning, resolved, significance, unexplained
 from cdm_pin import diagnose as diagnosis
-from cdm_pin import drifting, explain, unexplained
 from cdm_pin.bank import all_candidates
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.diagnose import diagnose
@@ -25,13 +25,17 @@ from cdm_pin.effects import (
     joint_places,
     pair_places,
 )
+from cdm_pin.explanation import Found, _nearly_brakes
 from cdm_pin.findings import absorbed, is_above_steps, is_known, is_plainer, sizes_in_errors, with_law_errors
-from cdm_pin.likelihood import likelihood_ratio
+from cdm_pin.likelihood import confined, likelihood_ratio
 from cdm_pin.masses import likely_masses
 from cdm_pin.model import load_model
 from cdm_pin.patches import PATCHES
+from cdm_pin.plainness import drives
+from cdm_pin.polishing import is_provisional
 from cdm_pin.problem import Problem, make_problem
 from cdm_pin.recording import Recording
+from cdm_pin.resolved import is_resolved
 from cdm_pin.robust import around, bursts, robust_score
 from cdm_pin.scores import Score, scored
 from cdm_pin.search import Search
@@ -217,7 +221,7 @@ def test_friction_may_hold_a_push_at_standstill(speed, size, place, held):
         effects=[Candidate(CATALOGUE["coulomb_friction"], places[place], (0.01,))], beta=[np.array([1.0])]
     )
     push = Candidate(CATALOGUE["external_torque"], places[0], (4.2, 5.8, 0.0))
-    assert explain._is_held(search, push, size, fit) is held
+    assert resolved._is_held(search, push, size, fit) is held
 
 
 @pytest.mark.parametrize("stands", [True, False])
@@ -231,9 +235,9 @@ def test_a_push_has_to_stand_beside_what_is_left(monkeypatch, stands):
     search = SimpleNamespace(without=lambda fit, j: None, score=lambda fit, candidate: None)
     found = [SimpleNamespace(candidate=c) for c in effects]
     explanation = SimpleNamespace(search=search, found=found, fit=None, bank=None)
-    monkeypatch.setattr(explain, "_stands", lambda *_: stands)
-    monkeypatch.setattr(explain, "explained", lambda search, bank, kept: kept)
-    assert explain.still_standing(explanation) == (explanation if stands else effects[1:])
+    monkeypatch.setattr(pruning, "holds", lambda *_: stands)
+    monkeypatch.setattr(pruning, "explained", lambda search, bank, kept: kept)
+    assert pruning.still_standing(explanation) == (explanation if stands else effects[1:])
 
 
 def test_what_a_base_parameter_may_as_well_be_starts_at_its_own_link():
@@ -356,8 +360,8 @@ def test_a_spring_pulls_back(tmp_path, slope):
     both = SimpleNamespace(beta=(beta,), covariance=np.diag([9.0, *np.full(4, 0.25)]))
     stub = SimpleNamespace(problem=problem, fit=lambda effects, whitener: both)
     without = SimpleNamespace(effects=(), whitener=None)
-    assert explain.drives(stub, without, spring) == (slope < -1.5)
-    assert not explain.drives(stub, without, Candidate(CATALOGUE["torque_offset"], place))
+    assert drives(stub, without, spring) == (slope < -1.5)
+    assert not drives(stub, without, Candidate(CATALOGUE["torque_offset"], place))
 
 
 def test_a_constant_that_nothing_tells_leaves_friction_asymmetric_or_not():
@@ -367,12 +371,12 @@ def test_a_constant_that_nothing_tells_leaves_friction_asymmetric_or_not():
     columns = np.array([[3.0, 0.0, 0.0], [0.0, 1e-3, 0.0]])
     fit = SimpleNamespace(effects=(), rest=lambda W: W, residual=np.array([6.0, 0.5, 0.0]))
     wild = Score(36.25, 2, np.array([2.0, 500.0]), 1.0, 3.0)
-    own = explain.confined(fit, law, columns, wild)
+    own = confined(fit, law, columns, wild)
     assert own.statistic == pytest.approx(36.0, abs=0.1) and abs(own.beta[1]) <= own.beta[0]
     tame = replace(wild, beta=np.array([2.0, 1.0]))
-    assert explain.confined(fit, law, columns, tame) is tame
+    assert confined(fit, law, columns, tame) is tame
     backwards = SimpleNamespace(**vars(fit) | {"residual": -fit.residual})
-    assert explain.confined(backwards, law, columns, wild).statistic == -np.inf
+    assert confined(backwards, law, columns, wild).statistic == -np.inf
 
 
 def test_shapes_give_way_to_what_is_scored_beside_them(tmp_path):
@@ -400,8 +404,8 @@ def test_columns_about_other_effects_are_provisional(follows, exact, provisional
         SimpleNamespace(key="old"),
         SimpleNamespace(key="new", effect=SimpleNamespace(follows=follows, exact=exact)),
     )
-    assert explain._is_provisional([old], [new]) == provisional
-    assert not explain._is_provisional([new], [new])
+    assert is_provisional([old], [new]) == provisional
+    assert not is_provisional([new], [new])
 
 
 def test_no_law_stands_for_what_was_withdrawn_and_explains_more(monkeypatch):
@@ -414,9 +418,9 @@ def test_no_law_stands_for_what_was_withdrawn_and_explains_more(monkeypatch):
     def gain(search, fit, candidate, score):
         return worth[candidate] if candidate == "elsewhere" or "withdrawn" not in fit else 0.0
 
-    monkeypatch.setattr(explain, "gain", gain)
-    monkeypatch.setattr(explain, "refine", lambda search, fit, c: (c, None))
-    monkeypatch.setattr(explain, "_passes", lambda search, candidate, score, weight, fit: True)
+    monkeypatch.setattr(asked, "gain", gain)
+    monkeypatch.setattr(asked, "refine", lambda search, fit, c: (c, None))
+    monkeypatch.setattr(asked, "passes", lambda search, candidate, score, weight, fit: True)
 
     class Effects(list):
         whitener = None
@@ -433,8 +437,8 @@ def test_no_law_stands_for_what_was_withdrawn_and_explains_more(monkeypatch):
         (["withdrawn"], None),
     ):
         laws = [(Law(name), None, 0.1) for name in names]
-        monkeypatch.setattr(explain, "_leaders", lambda search, fit, bank, most, taken, laws=laws: laws)
-        assert explain.next_law(search, None, [], [Law("withdrawn")]) == expected
+        monkeypatch.setattr(asked, "leading", lambda search, fit, bank, most, taken, laws=laws: laws)
+        assert asked.next_law(search, None, [], [Law("withdrawn")]) == expected
 
 
 def test_what_a_law_leaves_open_is_no_part_of_it():
@@ -510,24 +514,24 @@ def test_no_law_takes_the_place_of_two(monkeypatch):
         score=lambda without, candidate: score,
     )
     score = Score(100.0, 1, np.ones(1), 1.0, 1.0)
-    found = [explain.Found(c, score, 50.0, -50.0, ((simple, 0.0),)) for c in (spring, tilt)]
+    found = [Found(c, score, 50.0, -50.0, ((simple, 0.0),)) for c in (spring, tilt)]
 
     def explained(search, bank, accepted):
-        return SimpleNamespace(found=[explain.Found(c, own[c is simple], 50.0, -50.0, ()) for c in accepted])
+        return SimpleNamespace(found=[Found(c, own[c is simple], 50.0, -50.0, ()) for c in accepted])
 
     own = [score, score]
-    monkeypatch.setattr(explain, "explained", explained)
-    monkeypatch.setattr(explain, "tuned", lambda search, a, noise: a)
+    monkeypatch.setattr("cdm_pin.explanation.explained", explained)
+    monkeypatch.setattr("cdm_pin.explanation.tuned", lambda search, a, noise: a)
     explanation = SimpleNamespace(
         search=search, found=found, fit=None, bank=SimpleNamespace(laws=SimpleNamespace(candidates=()))
     )
-    monkeypatch.setattr(explain, "evidence", lambda search, without, candidate, size: 0.0)
-    assert [f.candidate for f in explain._simplest(explanation).found] == [simple, tilt]
+    monkeypatch.setattr(plainness, "evidence", lambda search, without, candidate, size: 0.0)
+    assert [f.candidate for f in plainness.simplest(explanation).found] == [simple, tilt]
     own[True] = replace(score, statistic=-np.inf)  # beside the other, it is no such law any more
-    assert explain._simplest(explanation) is explanation
+    assert plainness.simplest(explanation) is explanation
     own[True] = score
-    monkeypatch.setattr(explain, "evidence", lambda search, without, candidate, size: -9.0 * (candidate is simple))
-    assert explain._simplest(explanation) is explanation
+    monkeypatch.setattr(plainness, "evidence", lambda search, without, candidate, size: -9.0 * (candidate is simple))
+    assert plainness.simplest(explanation) is explanation
 
 
 class Law(str):
@@ -588,7 +592,7 @@ def test_the_unseen_recordings_choose_between_laws(monkeypatch, unseen):
     judge = SimpleNamespace(body=lambda whitener: SimpleNamespace(data=np.zeros(100)))
     monkeypatch.setattr(diagnosis, "deviance_unseen", lambda judge, effects: unseen if play in effects else 1000.0)
     monkeypatch.setattr(diagnosis, "explained", lambda search, bank, effects: effects)
-    found = explain.Found(offset, Score(500.0, 1, np.ones(1), 1.0, 1.0), 240.0, -200.0, ((play, -0.1),))
+    found = Found(offset, Score(500.0, 1, np.ones(1), 1.0, 1.0), 240.0, -200.0, ((play, -0.1),))
     given = SimpleNamespace(search=search, found=(found,), fit=SimpleNamespace(whitener=None), bank=None)
     chosen = diagnosis._reconsidered(judge, given)
     assert chosen == [play] if unseen < 100.0 else chosen is given
@@ -612,7 +616,7 @@ def test_the_unseen_recordings_may_choose_a_finer_law(monkeypatch, named, differ
     monkeypatch.setattr(diagnosis, "deviance_unseen", lambda judge, effects: 950.0 if pulley in effects else 1000.0)
     monkeypatch.setattr(diagnosis, "explained", lambda search, bank, effects: effects)
     monkeypatch.setattr(diagnosis, "ONCE", ())
-    found = explain.Found(offset, Score(500.0, 1, np.ones(1), 1.0, 1.0), 240.0, -200.0, ((pulley, difference),))
+    found = Found(offset, Score(500.0, 1, np.ones(1), 1.0, 1.0), 240.0, -200.0, ((pulley, difference),))
     given = SimpleNamespace(search=search, found=(found,), fit=SimpleNamespace(whitener=None), bank=None)
     chosen = diagnosis._reconsidered(judge, given)
     assert chosen == [pulley] if named and difference > -15.0 else chosen is given
@@ -718,14 +722,14 @@ def test_a_coupling_takes_in_the_friction_of_its_motors(monkeypatch, alone, kept
     pair = SimpleNamespace(effect=CATALOGUE["coulomb_friction"], place=SimpleNamespace(is_pair=True))
     coupling = SimpleNamespace(effect=CATALOGUE["transmission_coupling"], place=SimpleNamespace(is_pair=False))
     search = SimpleNamespace(size=lambda c: 1 if c is pair else 2, renewed=lambda bank: bank)
-    monkeypatch.setattr(explain, "settled", lambda search, laws, rounds: (search, laws))
-    monkeypatch.setattr(explain, "likelihood", lambda search, laws: 0.0 if len(laws) == 2 else alone)
-    monkeypatch.setattr(explain, "explained", lambda search, bank, laws: listed(laws))
+    monkeypatch.setattr(pruning, "settled", lambda search, laws, rounds: (search, laws))
+    monkeypatch.setattr(pruning, "likelihood", lambda search, laws: 0.0 if len(laws) == 2 else alone)
+    monkeypatch.setattr(pruning, "explained", lambda search, bank, laws: listed(laws))
 
     def listed(laws):
         return SimpleNamespace(search=search, found=[SimpleNamespace(candidate=c) for c in laws], bank=search)
 
-    found = explain._coupled(listed([pair, coupling])).found
+    found = pruning.coupled(listed([pair, coupling])).found
     assert len(found) == kept and (kept == 2 or found[0].candidate is coupling)
 
 
@@ -736,8 +740,8 @@ def test_a_cable_gives_as_a_spring_first(tmp_path, damping, gives):
     problem = make_problem(model, runs)
     search = Search(problem, base_parameters(model, columns=massive_columns(model)), Settings())
     (soft, *_) = all_candidates(problem, ["cable_elasticity"])
-    assert explain.is_resolved(search, soft, 0.01 * np.array([1.0, damping]), search.fit([])) == gives
-    assert not explain.is_resolved(search, soft, 1.0 * np.array([1.0, damping]), search.fit([]))  # by a radian and more
+    assert is_resolved(search, soft, 0.01 * np.array([1.0, damping]), search.fit([])) == gives
+    assert not is_resolved(search, soft, 1.0 * np.array([1.0, damping]), search.fit([]))  # by a radian and more
 
 
 @pytest.mark.parametrize(("offset", "told"), [(1e-5, False), (5e-5, True), (-5e-5, True)])
@@ -746,7 +750,7 @@ def test_an_offset_of_an_encoder_is_in_the_plain_mean(monkeypatch, offset, told)
     column, sure = np.concatenate([np.ones((1, 2, 50)), 1e-3 * np.ones((1, 2, 50))], axis=1), np.full(2, 1e-3)
     wander = np.zeros((4, 50))
     wander[2] = 1e-6 * np.cos(np.arange(50) * np.pi / 5)
-    monkeypatch.setattr(explain, "errors", lambda *_: [offset * column[0] + wander])
+    monkeypatch.setattr(resolved, "errors", lambda *_: [offset * column[0] + wander])
     problem = SimpleNamespace(
         model=SimpleNamespace(n_motors=2),
         torque=True,
@@ -757,7 +761,7 @@ def test_an_offset_of_an_encoder_is_in_the_plain_mean(monkeypatch, offset, told)
     search = SimpleNamespace(problem=problem, columns=lambda candidate: [column])
     fit = SimpleNamespace(base=None, effects=(), beta=())
     law = Candidate(CATALOGUE["encoder_offset"], CATALOGUE["encoder_offset"].places(load_model("urdf/cdm2.yaml"))[0])
-    assert explain._is_in_means(search, law, fit) == told
+    assert resolved._is_in_means(search, law, fit) == told
 
 
 @pytest.mark.parametrize(("offset", "outdoes"), [(2e-5, False), (1e-3, True), (-1e-3, False)])
@@ -780,9 +784,9 @@ def test_an_offset_between_encoders_is_not_an_error_of_a_soft_cable(monkeypatch,
     cable = SimpleNamespace(law_error=lambda motion: 0.01)
     search = SimpleNamespace(problem=problem, columns=lambda candidate: [gives if candidate is cable else column])
     fit = SimpleNamespace(base=None, effects=(cable,), beta=(np.ones(1),))
-    monkeypatch.setattr(explain, "errors", lambda *_: [abs(offset) * column[0]])
+    monkeypatch.setattr(resolved, "errors", lambda *_: [abs(offset) * column[0]])
     law = Candidate(CATALOGUE["encoder_offset"], CATALOGUE["encoder_offset"].places(load_model("urdf/cdm2.yaml"))[0])
-    assert explain._outdoes_in_means(search, law, np.array([offset]), fit) == outdoes
+    assert resolved.outdoes_in_means(search, law, np.array([offset]), fit) == outdoes
 
 
 def swept(model, seed, noise=0.0, excess=None):
@@ -849,8 +853,8 @@ def test_friction_may_vary_by_all_of_itself_within_its_error(depth, std, brakes)
         SimpleNamespace(candidate=law),
     ]
     explanation = SimpleNamespace(fit=fit, found=found)
-    assert explain._nearly_brakes(explanation, 1) is brakes
-    assert not explain._nearly_brakes(explanation, 0)
+    assert _nearly_brakes(explanation, 1) is brakes
+    assert not _nearly_brakes(explanation, 0)
 
 
 def test_a_gain_is_as_large_as_it_differs_from_one():
@@ -929,8 +933,8 @@ def test_a_law_that_would_drive_is_unsound():
     def unsound(beta, statistic=100.0, k=2):
         found = SimpleNamespace(candidate=candidate, score=Score(statistic, k, np.array(beta), 1.0, 1.0))
         explanation = SimpleNamespace(found=(found,))
-        assert not explain._unsound(explanation, explanation)  # what stood there before
-        return explain._unsound(explanation, SimpleNamespace(found=()))
+        assert not unsound(explanation, explanation)  # what stood there before
+        return unsound(explanation, SimpleNamespace(found=()))
 
     assert not unsound([1.0, 0.5])
     assert not unsound([1.0, -0.5])
@@ -945,7 +949,7 @@ def test_a_delay_of_a_small_part_of_a_sample_is_none(tmp_path, delay, resolved):
     model, runs, _, _ = loaded_trial(tmp_path, 5, n_links=2, effects=0, positions="joint", duration=30.0)
     search = Search(make_problem(model, runs), base_parameters(model, columns=massive_columns(model)), Settings())
     (law, *_) = all_candidates(search.problem, ["time_delay"])
-    assert explain.is_resolved(search, law, np.array([delay]), search.fit([])) == resolved
+    assert is_resolved(search, law, np.array([delay]), search.fit([])) == resolved
 
 
 @pytest.mark.parametrize(("hop", "moves"), [(0.0, False), (0.02, True)])
@@ -987,10 +991,10 @@ def test_encoders_on_both_sides_may_be_off_alike(tmp_path):
 def test_what_makes_the_plain_error_larger_explains_nothing(monkeypatch, size, worse):
     """Nothing is found that makes the error ten times larger, whatever it does where the noise is said to be small."""
     monkeypatch.setattr(drifting, "errors", lambda search, base, effects, beta: [np.full((2, 50), base)])
-    monkeypatch.setattr(explain, "rms", lambda search, left: np.sqrt(np.mean(left[0] ** 2, axis=1)))
+    monkeypatch.setattr(significance, "rms", lambda search, left: np.sqrt(np.mean(left[0] ** 2, axis=1)))
     without, both = (SimpleNamespace(base=x, effects=(), beta=(), whitener=None) for x in (1.0, size))
     search = SimpleNamespace(fit=lambda effects, whitener: both, drift=None)
-    assert explain._worsens(search, without, None) == worse
+    assert significance._worsens(search, without, None) == worse
 
 
 @pytest.mark.parametrize(("effect", "name"), [("encoder_offset", "offset"), ("backlash", "half_gap")])

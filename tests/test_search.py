@@ -18,21 +18,24 @@ from cdm_pin.diagnose import diagnose
 from cdm_pin.drifting import own_drifts
 from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.effects import CATALOGUE, Candidate, joint_places, pair_places
-from cdm_pin.explain import _peakless, explained, freed, is_resolved, settled
+from cdm_pin.explanation import explained
 from cdm_pin.findings import parameters, unseen_step, with_scatter
 from cdm_pin.leftover import left_over, tones
-from cdm_pin.likelihood import even_noise
+from cdm_pin.likelihood import even_noise, freed
 from cdm_pin.manipulator import parse_manipulator
 from cdm_pin.masses import about
 from cdm_pin.model import build_model, load_model
 from cdm_pin.next_experiment import plan_next
 from cdm_pin.patches import PATCHES
+from cdm_pin.plainness import peakless
 from cdm_pin.plant.draw import draw
 from cdm_pin.problem import _thinned, make_problem
 from cdm_pin.recording import Recording, load_recording
+from cdm_pin.resolved import is_resolved
 from cdm_pin.scores import Score
 from cdm_pin.search import Search, errors, rms
 from cdm_pin.settings import Settings
+from cdm_pin.settling import settled
 from cdm_pin.shapes import refine
 from cdm_pin.signals_filters import differentiate, lowpass
 from cdm_pin.spectra import spectrum, stands_out, whitener_of
@@ -605,7 +608,7 @@ def test_friction_without_a_peak_is_dry(peak, due):
     search, _ = _rest(make_problem(model, [record]))
     bank = search.bank(all_candidates(search.problem, ["coulomb_friction", "stribeck_friction"]))
     law = Candidate(CATALOGUE["stribeck_friction"], joint_places(model)[1], (0.01, 0.2))
-    found = _peakless(explained(search, bank, [law]))
+    found = peakless(explained(search, bank, [law]))
     assert [f.candidate.effect.name for f in found.found] == [due]
 
 

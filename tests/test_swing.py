@@ -7,7 +7,7 @@ from trials import loaded_trial
 
 from cdm_pin.diagnose import _helps, diagnose
 from cdm_pin.effects import CATALOGUE, Candidate, loaded, passed
-from cdm_pin.explain import POSTURE, _leaders
+from cdm_pin.leaders import POSTURE, leading
 from cdm_pin.motion import Felt, crossing, leaping
 from cdm_pin.problem import make_problem
 from cdm_pin.swing import _rattle, oscillate, swung
@@ -215,7 +215,7 @@ def test_play_that_is_never_crossed_is_an_offset(tmp_path):
     offsets = [c for c in bank.laws.candidates if c.name in POSTURE][:2]
     assert not any(search.is_crossed(c) for c in bank.laws.candidates if c.name == "backlash")
     for instead, stands in ((offsets[:1], False), (offsets, True)):  # one play in the place of several offsets
-        leaders = _leaders(search, search.fit([]), bank, 99, [], instead=instead)
+        leaders = leading(search, search.fit([]), bank, 99, [], instead=instead)
         assert any(c.name == "backlash" for c, _, _ in leaders) == stands
 
 

@@ -1,0 +1,194 @@
+"""Plainness: of the laws that are about as likely in a place, the simplest; a peak of friction only where it shows."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+
+from .doubts import COMPLIANT
+from .drifting import still
+from .effects import CATALOGUE, Candidate, extremes
+from .explanation import Explanation, estimated, explained, unsound, with_effects
+from .fit import Fit, own_covariance
+from .leaders import UNLIKELIER
+from .likelihood import REFINING, evidence, gain
+from .search import Search, errors, rms
+from .shapes import refine
+from .significance import from_errors_of_laws
+
+ABOUT = 0.02
+"""Share of the likelihood gained that the next best law may lose where the best is none that friction can have."""
+EVIDENT = 5.0
+"""By how much log-evidence more a refinement is named that has more parameters than its likelihood seems to pay for."""
+PASSAGE = 0.02
+"""Share of friction below which its sign's passage through zero, as measured, shows no peak."""
+WRONG = 0.1
+"""Share of its torque by which no law is wrong."""
+PREFERENCE = 2.0
+"""By how much log-likelihood less a simpler law, dry friction above all, is named nevertheless."""
+
+
+def plainer(explanation: Explanation, equal: float = 1.0) -> Explanation:
+    """Put a law where it is as likely if friction elsewhere is dry then, without more.
+
+    A constant torque on one motor is one on another and friction that is not the same both ways.
+    """
+    search, whitener = explanation.search, explanation.fit.whitener
+    accepted, found = [f.candidate for f in explanation.found], explanation.found
+    best, chosen = search.settings.close, accepted
+    for i, refined in enumerate(accepted):
+        if refined.effect.name not in REFINING:
+            continue
+        for j, rival in ((j, c) for j, f in enumerate(found) for c, d in f.rivals if i != j and abs(d) < equal):
+            trial = [refined.dry if k == i else rival if k == j else c for k, c in enumerate(accepted)]
+            if not rival.named or any(a.clashes(b) for a, b in itertools.combinations(trial, 2)):
+                continue
+            fit = search.fit(trial, whitener)
+            fewer = search.size(*accepted) - search.size(*trial)
+            more = 0.5 * (explanation.fit.deviance - fit.deviance + np.log(fit.n_rows) * fewer)
+            if more > best:
+                best, chosen = more, trial
+    return explanation if chosen is accepted else explained(search, explanation.bank, chosen)
+
+
+def simplest(explanation: Explanation, spoilt: frozenset[tuple[str, str]] = frozenset()) -> Explanation:
+    """Let that of the laws stand which the data make likeliest, at a place above all; of equals the simplest.
+
+    Dry friction is the simplest of its kin. Laws that are alike in penalised likelihood are weighed by their evidence.
+    One that is no such law any more once its shape is estimated beside all others is `spoilt`.
+    """
+    accepted = [f.candidate for f in explanation.found]
+    for j in range(len(accepted)):
+        accepted[j] = _simplest_at(explanation, j, spoilt.union(c.key for c in accepted))
+    simpler = estimated(explanation, accepted)
+    worse = unsound(simpler, explanation)
+    return simplest(explanation, spoilt | worse) if worse else simpler
+
+
+def _simplest_at(explanation: Explanation, j: int, taken: frozenset[tuple[str, str]]) -> Candidate:
+    """Give the simplest law that may stand for finding `j`; one that friction cannot be gives way to the next best."""
+    search, found, lead = explanation.search, explanation.found[j], 0.0
+    best = _plainest(explanation, j)
+    without = search.without(explanation.fit, j)
+    rivals = [
+        (c, d)
+        for c, d in found.rivals
+        if c.key not in taken
+        and c.named == best.named
+        and c.is_plausible(search.score(without, c).beta, without.effects)
+        and not drives(search, without, c)
+    ]
+    here = {c.key for c, _ in rivals if c.place.location == best.place.location}
+    if best.named and not best.is_plausible(search.score(without, best).beta, without.effects):
+        least = -ABOUT * found.gain
+        best, lead = next(((c, d) for c, d in rivals if c.key in here and d > least), (best, lead))
+    statistic, close = found.score.statistic, search.settings.close
+    slack = _within(search, best, statistic, close)
+    alike = [best]
+    alike += [c for c, d in rivals if c is not best and d - lead > -(slack if c.key in here else close)]
+    if best.named:
+        finer = [c for c, _ in rivals if c not in alike and c.key in here and c.effect.name in REFINING]
+        known = {c.identity: evidence(search, without, c, statistic) for c in (*alike, *finer)}
+        alike += [c for c in finer if known[c.identity] > known[best.identity] + EVIDENT]
+        simplest = min(search.size(c) for c in alike)
+        for c in sorted((c for c, _ in rivals if c.key in here and search.size(c) < simplest), key=search.size):
+            if _is_all_but_errors(search, without, best, c):
+                return c
+        top = max(alike, key=lambda c: known[c.identity])
+        worst = known[top.identity] - _within(search, top, statistic, PREFERENCE)
+        alike = [c for c in alike if known[c.identity] >= worst]
+    rubs = "coulomb_friction" in best.effect.confounded
+
+    def order(c: Candidate) -> tuple[int, bool, bool]:
+        return search.size(c), rubs and c.effect.name != "coulomb_friction", c.effect.name == UNLIKELIER
+
+    return min(alike, key=order)
+
+
+def _plainest(explanation: Explanation, j: int) -> Candidate:
+    """Give finding `j` with the fewest coefficients with which its law is as likely; mostly it has one number of them.
+
+    A spring may have had to stiffen before all else was found.
+    """
+    search, found = explanation.search, explanation.found[j]
+    own, without = found.candidate, search.without(explanation.fit, j)
+    fewer = [c for c in explanation.bank.laws.candidates if c.key == own.key and search.size(c) < search.size(own)]
+    worth = [gain(search, without, c, search.score(without, c)) for c in fewer]
+    return own if own.detail or max(worth, default=-np.inf) <= found.gain else fewer[int(np.argmax(worth))]
+
+
+def drives(search: Search, fit: Fit, candidate: Candidate) -> bool:
+    """Whether an effect beside a fit does what it hardly can, as a spring that pushes on, by three standard errors."""
+    if candidate.effect.least is None:
+        return False
+    weights = candidate.least(search.problem.motions)
+    both = search.fit([*fit.effects, candidate], fit.whitener)
+    k = len(weights)
+    spread = both.covariance[-len(both.beta[-1]) :, -len(both.beta[-1]) :][:k, :k]
+    return bool(weights @ both.beta[-1][:k] < -3.0 * np.sqrt(max(weights @ spread @ weights, 0.0)))
+
+
+def _within(search: Search, law: Candidate, statistic: float, least: float) -> float:
+    """Say by how much log-likelihood another law may be worse than this one, of some statistic, to be as good."""
+    error = PASSAGE if law.effect.name == "stribeck_friction" else None
+    return search.settings.within(statistic, error, least)
+
+
+def _is_all_but_errors(search: Search, without: Fit, own: Candidate, rival: Candidate) -> bool:
+    """Whether a law explains, beside a fit, all that another one does but for what the laws may be wrong by.
+
+    How much a cable gives is a spring's error; that it gives no more beyond some torque is none. Nor is a good part of
+    the torque, such as a constant where slow noise hides constants.
+    """
+    others = without.effects
+    if own.effect.name == "cable_slack" and rival.effect.name in COMPLIANT:
+        return False
+    beside, both = (search.fit(effects, without.whitener) for effects in ([*others, rival], [*others, rival, own]))
+    more = beside.residual - both.residual
+    if float(more @ more) >= from_errors_of_laws(search, own, more, beside):
+        return False
+    plain = (errors(search, f.base, f.effects, f.beta) for f in (beside, both))
+    apart = still(search, [one - two for one, two in zip(*plain, strict=True)])
+    law = [np.tensordot(search.fit([*others, own], without.whitener).beta[-1], x, 1) for x in search.columns(own)]
+    return bool(np.linalg.norm(rms(search, apart)) < WRONG * np.linalg.norm(rms(search, law)))
+
+
+def peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
+    """Let friction be Stribeck's where what dry friction leaves open about its sign rises far above it.
+
+    A sign that is blurred or smooth does not. The peak has to explain as much in its place, and more than dry friction
+    without either by what a sign's passage may be wrong by.
+    """
+    search, law = explanation.search, CATALOGUE["stribeck_friction"]
+    accepted = [f.candidate for f in explanation.found]
+    places = [place.location for place in law.places(search.problem.model)]
+    for j, (candidate, found) in enumerate(zip(accepted, explanation.found, strict=True)):
+        dry = candidate.effect.name == "coulomb_friction" and candidate.detail and candidate.place.location in places
+        if not dry or extremes(explanation.fit.beta[j], candidate.shape, candidate.detail)[1] < 1.0 + most:
+            continue
+        without, grid = search.without(explanation.fit, j), law.grid(search.problem.motions, candidate.place)
+        trials = [Candidate(law, candidate.place, (candidate.shape[0], *shape[1:])) for shape in grid]
+        refined = [refine(search, without, trial, 3) for trial in trials]
+        peaks = [(gain(search, without, *t), i) for i, t in enumerate(refined) if t[0].is_plausible(t[1].beta)]
+        if not peaks:
+            continue
+        (worth, i), statistic = max(peaks), found.score.statistic
+        quick, plain = replace(candidate, creeps=False), refine(search, without, refined[i][0].dry, 3)
+        free = min(found.gain, gain(search, without, quick, search.score(without, quick)))
+        passage = _within(search, refined[i][0], statistic, search.settings.close)
+        if worth > max(free - search.settings.within(statistic), gain(search, without, *plain) + passage):
+            accepted[j] = refined[i][0]
+    return with_effects(explanation, accepted)
+
+
+def peakless(explanation: Explanation, least: float = 2.0) -> Explanation:
+    """Let Stribeck's friction be dry where its peak is no more than so many errors, or than its sign's passage."""
+    fit, accepted = explanation.fit, [f.candidate for f in explanation.found]
+    for j, candidate in enumerate(accepted):
+        if candidate.effect.name == "stribeck_friction":
+            (level, peak), error = fit.beta[j][:2], np.sqrt(own_covariance(fit, j)[1, 1])
+            if peak <= max(least * error, PASSAGE * level) and candidate.dry.key not in [c.key for c in accepted]:
+                accepted[j] = candidate.dry
+    return with_effects(explanation, accepted)

@@ -1,0 +1,130 @@
+"""Polishing: each effect is looked at again given the others; a better one, or one for two, may take its place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .bank import Bank
+from .effects import Candidate
+from .leaders import best_of, leading, same_width
+from .leftover import clear_noise
+from .likelihood import gain
+from .masses import about
+from .search import Search
+from .shapes import refine
+from .significance import from_errors_of_laws, passes
+from .whitening import Whitener
+
+
+def polish(search: Search, bank: Bank, accepted: list[Candidate], rounds: int = 2) -> list[Candidate]:
+    """Look again at each effect given the others: let a better one take its place, or one take the place of two.
+
+    Not the latter while columns are provisional: what they are off by would look like a second effect.
+    """
+    for _ in range(rounds):
+        before, whitener = accepted, clear_noise(search, accepted)
+        for j in range(len(accepted)):
+            if not accepted[j].named:
+                continue
+            others = [c for i, c in enumerate(accepted) if i != j]
+            fit = search.fit(others, whitener)
+            rivals = leading(search, fit, bank, 6, others, instead=[accepted[j]])
+            leaders = [c for c, _, _ in rivals if c.key != accepted[j].key]
+            trial = best_of(search, fit, [accepted[j], *leaders])
+            if trial is not None:
+                accepted = [*others[:j], trial[0], *others[j:]]
+        if is_provisional(before, accepted):
+            break
+        accepted = _merge(search, bank, accepted, whitener)
+        accepted = _split(search, bank, accepted, whitener)
+        if {c.key for c in accepted} == {c.key for c in before}:
+            break
+        if _leans_on(search, whitener, before, accepted):
+            return before
+    return accepted
+
+
+def is_provisional(before: Sequence[Candidate], after: Sequence[Candidate]) -> bool:
+    """Whether effects are others than before, and columns of one, taken about those, are not yet what they will be."""
+    if {c.key for c in before} == {c.key for c in after}:
+        return False
+    return any(c.effect.follows and not c.effect.exact for c in after)
+
+
+def _leans_on(search: Search, whitener: Whitener, before: list[Candidate], after: list[Candidate]) -> bool:
+    """Whether effects on the torque of others explain less once what they took the place of is out of that torque."""
+    lost = [c for c in before if c.loads and c.key not in {x.key for x in after}]
+    if not lost or not any(c.effect.follows for c in after):
+        return False
+    there = about(search, search.fit(after, whitener))
+    old, new = search.fit(before, whitener), there.fit(after, whitener)
+    penalty = np.log(old.n_rows) * (search.size(*after) - search.size(*before))
+    return new.deviance + penalty > old.deviance + 10.0
+
+
+def _merge(search: Search, bank: Bank, accepted: list[Candidate], whitener: Whitener) -> list[Candidate]:
+    """Replace two effects by one where one explains as much."""
+    for i in range(len(accepted)):
+        for j in range(i + 1, len(accepted)):
+            if not (accepted[i].named and accepted[j].named):
+                continue
+            without = search.without(search.fit(accepted, whitener), i, j)
+            others = list(without.effects)
+            pair = without.deviance - search.fit(accepted, whitener).deviance
+            k = sum(search.score(without, c).k + c.extra for c in (accepted[i], accepted[j]))
+            both = 0.5 * pair - 0.5 * np.log(without.n_rows) * k
+            leaders = leading(search, without, bank, 4, others, instead=[accepted[i], accepted[j]])
+            single = best_of(search, without, [c for c, _, _ in leaders])
+            slack = max(search.settings.close, 0.02 * min(_alone(search, accepted, x, whitener) for x in (i, j)))
+            if single is not None and gain(search, without, *single) >= both - slack:
+                return [*others, single[0]]
+    return accepted
+
+
+def _split(search: Search, bank: Bank, accepted: list[Candidate], whitener: Whitener) -> list[Candidate]:
+    """Put two effects in the place of one that stood for both, where it and any next one explain less."""
+    whole = search.fit(accepted, whitener)
+    reached = whole.deviance < whole.n_rows + 4.0 * np.sqrt(2.0 * whole.n_rows)
+    for j, old in enumerate(accepted):
+        if not old.named or (reached and search.size(old) < 3):
+            continue
+        without = search.without(whole, j)
+        others = list(without.effects)
+        own = search.score(without, old)
+        if not np.isfinite(own.statistic):
+            continue
+        after = [gain(search, whole, c, s) for c, s, _ in leading(search, whole, bank, 1, accepted)]
+        base = gain(search, without, old, own) + max([0.0, *after])
+        slack = 0.5 * search.settings.law_error**2 * own.statistic
+        best: tuple[float, list[Candidate]] | None = None
+        for leader, _, _ in leading(search, without, bank, 4 if reached else 7, others, instead=[old]):
+            if leader.key == old.key:
+                continue
+            if old.detail:
+                leader = leader.detailed(search.problem.motions)
+            first, s = refine(search, without, same_width(leader, old))
+            if not np.isfinite(s.statistic):
+                continue
+            beside = search.fit([*others, first], whitener)
+            second = best_of(search, beside, [c for c, _, _ in leading(search, beside, bank, 3, [*others, first])])
+            if second is None or not passes(search, *second, 0.01, beside):
+                continue
+            value = gain(search, without, first, s) + gain(search, beside, *second)
+            simpler = s.k + first.extra + second[1].k + second[0].extra < own.k + old.extra
+            margin = -slack if simpler else 10.0 + 0.5 * old.effect.error**2 * own.statistic
+            if value > base + margin and (best is None or value > best[0]):
+                best = value, [*others[:j], first, *others[j:], second[0]]
+        if best is not None:
+            return best[1]
+    return accepted
+
+
+def _alone(search: Search, accepted: list[Candidate], j: int, whitener: Whitener) -> float:
+    """Bound the statistic that effect `j` would get from errors of the other laws."""
+    candidate, without = accepted[j], search.without(search.fit(accepted, whitener), j)
+    if not without.effects:
+        return 0.0
+    columns = without.rest(search.white(whitener, search.columns(candidate)))
+    return from_errors_of_laws(search, candidate, search.score(without, candidate).beta @ columns, without)

@@ -1,0 +1,72 @@
+"""Pruning: effects that the others make superfluous are dropped."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .effects import Candidate
+from .explanation import Explanation, explained, with_effects
+from .fit import Fit, own_covariance
+from .likelihood import likelihood
+from .search import Search
+from .settling import settled
+from .significance import holds
+
+
+def prune(search: Search, accepted: list[Candidate]) -> list[Candidate]:
+    """Drop effects that the others make superfluous."""
+    while accepted:
+        fit = search.fit(accepted)
+        weakest, worst = -1, np.inf
+        for j, candidate in enumerate(accepted):
+            without = search.without(fit, j)
+            score = search.score(without, candidate)
+            statistic = -np.inf if _backwards(fit, j) else score.statistic
+            if statistic < worst and (statistic < 0.0 or not holds(search, candidate, score, without)):
+                weakest, worst = j, statistic
+        if weakest < 0:
+            return accepted
+        accepted = [c for i, c in enumerate(accepted) if i != weakest]
+    return accepted
+
+
+def _backwards(fit: Fit, j: int) -> bool:
+    """Whether the leading coefficient of effect `j` cannot be negative but is, by more than three standard errors."""
+    std = np.sqrt(max(own_covariance(fit, j)[0, 0], 0.0))
+    return fit.effects[j].leads and bool(fit.beta[j][0] < -3 * std)
+
+
+def pruned(explanation: Explanation) -> Explanation:
+    """Drop what is superfluous beside the laws that now stand; when it was asked for, others may have stood there."""
+    return with_effects(explanation, prune(explanation.search, [f.candidate for f in explanation.found]))
+
+
+def still_standing(explanation: Explanation) -> Explanation:
+    """Drop pushes that are not significant any more beside what the unseen recordings have left."""
+    search, effects = explanation.search, [f.candidate for f in explanation.found]
+
+    def stands(j: int, candidate: Candidate) -> bool:
+        if candidate.effect.name != "external_torque":
+            return True
+        without = search.without(explanation.fit, j)
+        return holds(search, candidate, search.score(without, candidate), without)
+
+    kept = [candidate for j, candidate in enumerate(effects) if stands(j, candidate)]
+    return explanation if len(kept) == len(effects) else explained(search, explanation.bank, kept)
+
+
+def coupled(explanation: Explanation) -> Explanation:
+    """Leave out what has a ratio of two speeds of its own if another such law, estimated anew, explains as much.
+
+    A coupling that was found beside a friction of the same two motors stays where both together do.
+    """
+    search, accepted = explanation.search, [f.candidate for f in explanation.found]
+    odd = [c for c in accepted if c.place.is_pair or c.effect.name == "transmission_coupling"]
+    if len(odd) < 2:
+        return explanation
+    own = likelihood(search, accepted)
+    for c in sorted(odd, key=search.size):
+        there, laws = settled(search, [law for law in accepted if law is not c], rounds=6)
+        if likelihood(there, laws) >= own:
+            return coupled(explained(there, there.renewed(explanation.bank), laws))
+    return explanation
