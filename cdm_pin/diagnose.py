@@ -24,7 +24,7 @@ from .explanation import Explanation, Found, explained
 from .fit import Fit
 from .geometry import Manipulator, Vector, frozen_array
 from .leftover import left_over
-from .likelihood import REFINING, evidence, likelihood
+from .likelihood import REFINING, evidence, likeliest, likelihood
 from .masses import about
 from .model import CableModel
 from .next_experiment import Experiment, plan_next
@@ -442,11 +442,12 @@ def _sized(explanation: Explanation, near: float = 15.0) -> Explanation:
     for j in fi.unsized(explanation):
         found = explanation.found[j]
         without = search.without(explanation.fit, j)
-        own = evidence(search, without, found.candidate, found.score.statistic)
+        likely = likeliest(search, without, found.candidate)[0]
+        own = evidence(search, without, likely, found.score.statistic)
         dry = found.candidate.dry.key if found.candidate.effect.name in REFINING else None
         dry_first = sorted(found.rivals, key=lambda r: -r[1] - PREFERENCE * (r[0].effect.name == "coulomb_friction"))
         for rival, difference in dry_first:
-            if not rival.named or search.size(rival) >= search.size(found.candidate) or difference < -near:
+            if not rival.named or search.size(rival) >= search.size(likely) or difference < -near:
                 continue
             close = EVIDENT if rival.key == dry else search.settings.close
             if evidence(search, without, rival, found.score.statistic) < own - close:
@@ -710,11 +711,15 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
     lasting = [j for j in stated if fit.effects[j].effect.name not in ONCE]
     if lasting and judge is not None and any(judge.problem.segments):
         step, unseen = fi.unseen_step(judge, fit)
+        told = {j: fitted[j] for j in stated}  # by the recordings, whatever else its law may be wrong by
         for j in lasting:
             both = (covariance + unseen)[np.ix_(where[j], where[j])]
-            stated[j] = fi.with_scatter(fit.effects[j], fit.beta[j], step[where[j]], both, stated[j])
+            told[j], stated[j] = (
+                fi.with_scatter(fit.effects[j], fit.beta[j], step[where[j]], both, values)
+                for values in (told[j], stated[j])
+            )
         least = ANY if unexplained is None else VAGUE  # what the recordings disagree about may be part of that
-        vague = [j for j, v in stated.items() if max(fi.sizes_in_errors(v).values(), default=np.inf) <= least]
+        vague = [j for j, v in told.items() if max(fi.sizes_in_errors(v).values(), default=np.inf) <= least]
         stated = {j: v for j, v in stated.items() if j not in vague}
         if vague and not stated:
             unexplained = unexplained or of_no_size(explanation, vague)

@@ -10,7 +10,7 @@ from .bank import Bank
 from .effects import Candidate
 from .fit import Fit, own_covariance
 from .leaders import hides_in_masses, leading, same_width
-from .likelihood import confined, freed, gain
+from .likelihood import confined, freed, gain, likeliest
 from .scores import Score, family_wise
 from .search import Search
 from .settling import tied
@@ -31,7 +31,8 @@ class Found:
     log_p : float
         Natural log of the family-wise p-value.
     rivals : tuple of (Candidate, float)
-        Others in its place, with their penalised log-likelihood less this one's; best first.
+        Others in its place, with their penalised log-likelihood less this one's; best first. Friction counts in that
+        form, on either side, that is likeliest (`likeliest`).
     agreement : float
         With what the unseen recordings alone make of it, 1 where that was not asked.
     """
@@ -96,6 +97,7 @@ def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> F
     without = search.without(search.fit(accepted), j)
     score = freed(search, without, candidate, search.score(without, candidate))
     own = gain(search, without, candidate, score)
+    likely = max(own, gain(search, without, *likeliest(search, without, candidate, score)))
     rivals = []
     for leader, _, _ in leading(search, without, bank, 12, accepted, None, [candidate]):
         if leader.key == candidate.key:  # another push
@@ -105,11 +107,11 @@ def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> F
         leader = same_width(leader, candidate)
         s = freed(search, without, leader, search.score(without, leader))
         if gain(search, without, leader, s) > own - max(30.0, 0.1 * abs(own)):
-            refined, s = refine(search, without, leader, plausibly=True)
+            refined, s = likeliest(search, without, *refine(search, without, leader, plausibly=True))
             s = freed(search, without, refined, s)
             s = confined(without, refined, search.white(without.whitener, search.columns(refined)), s)
             if refined.is_plausible(s.beta, without.effects) and not hides_in_masses(search, without, refined):
-                rivals.append((refined, gain(search, without, refined, s) - own))
+                rivals.append((refined, gain(search, without, refined, s) - likely))
     rivals.sort(key=lambda item: -item[1])
     return Found(candidate, score, own, family_wise(score, candidate, 0.01), tuple(rivals))
 

@@ -16,7 +16,7 @@ from .explanation import Explanation, Found
 from .fit import Fit
 from .geometry import Vector
 from .leaders import POSTURE
-from .likelihood import evidence
+from .likelihood import evidence, likeliest
 from .model import CableModel
 from .motion import Motion
 from .patches import MISREAD
@@ -220,6 +220,8 @@ LEAST = 0.002
 """Relative accuracy beyond which no parameter is known."""
 NEARLY = 0.9
 """Cosine of the motors' torques from which on two places are not told apart beside what has no name."""
+FALL = 0.75
+"""Weight of a fall of friction, in its errors at the time constant that suits it best: there is a choice of these."""
 SCATTER = 2.0
 """Standard errors by which training and unseen recordings differ by chance."""
 SHAPES = ("phase", "cycles", "form", "ratio", "stribeck_velocity", "time_constant", "rest", "start", "end", "recording")
@@ -246,7 +248,7 @@ def is_known(
     Two effects at one place may share a level that neither has alone; what tells them apart is known all the same. The
     coefficients of a spring that stiffens are those of a polynomial, which are known together where none is alone; so
     are the two of a friction that falls as slowly as a recording lasts. Of one whose level is known that has to be by
-    which it falls, and a coupling has to have a ratio that is known.
+    which it falls, if only at the time constant that suits it best; a coupling has to have a ratio that is known.
     """
     ratio = values.get("ratio") if candidate.effect.name == "transmission_coupling" else None
     if ratio is not None and abs(ratio["value"]) <= least * ratio["std"]:  # with which joint, then?
@@ -258,12 +260,20 @@ def is_known(
     if candidate.effect.name == "joint_spring":
         own, n = (own, k) if k > 2 else (z[:1], 0)  # a constant torque is none
     if candidate.effect.name == "friction_drift":
-        n = 0 if abs(z[0]) > least else len(own)
-        own, sizes = own[1:], {"extra": sizes["extra"]}
+        n, sizes = 0 if abs(z[0]) > least else len(own), {"extra": sizes["extra"]}
+        own = own[1:] if n else np.r_[own[1:], FALL * _given_shape(beta, covariance)[1]]
     if max([*sizes.values(), *np.abs(own)], default=0.0) > least:
         return True
     together = np.linalg.pinv(covariance[:n, :n] / std[:n, None] / std[:n], rcond=1e-9, hermitian=True)
     return n > 0 and bool(log_p(float(z[:n] @ together @ z[:n]), n) < log_p(least**2, 1))
+
+
+def _given_shape(beta: Vector, covariance: Vector) -> Vector:
+    """Give coefficients in units of the standard errors that they have where the shape is what it is."""
+    k = len(beta)
+    across = covariance[:k, k:]
+    given = covariance[:k, :k] - across @ np.linalg.pinv(covariance[k:, k:], hermitian=True) @ across.T
+    return beta / np.sqrt(np.maximum(np.diag(given), 1e-300))
 
 
 def sizes_in_errors(values: dict[str, dict[str, Any]]) -> dict[str, float]:
@@ -403,7 +413,7 @@ def _leaning(search: Search, without: Fit, found: Found) -> list[tuple[Candidate
 
     The likeliest place of every effect comes before the second one of any.
     """
-    own = found.candidate
+    own = likeliest(search, without, found.candidate)[0]
     torque = search.score(without, own).beta @ search.white(without.whitener, search.columns(own))
     size = float(torque @ torque)
     known = evidence(search, without, own, size)

@@ -12,6 +12,7 @@ from .fit import Fit
 from .geometry import Vector
 from .scores import Score
 from .search import Search, errors, rms
+from .shapes import refine
 from .whitening import Whitener, fit_whitener, log_likelihood, quiet_segments
 
 REFINING = ("stribeck_friction", *SHARING)
@@ -80,6 +81,20 @@ def _errors(search: Search, effects: Sequence[Candidate], whitener: Whitener) ->
     return errors(search, fit.base, fit.effects, fit.beta)
 
 
+def likeliest(search: Search, fit: Fit, candidate: Candidate, score: Score | None = None) -> tuple[Candidate, Score]:
+    """Give friction as it is or without what its law leaves open about its sign, whichever is likelier beside a fit.
+
+    Among laws, one must not pay for what the data do not ask it for.
+    """
+    score = search.score(fit, candidate) if score is None else score
+    if candidate.bare is candidate:
+        return candidate, score
+    bare, plain = refine(search, fit, candidate.bare, plausibly=True)
+    sound = bare.is_plausible(plain.beta, fit.effects)
+    better = sound and gain(search, fit, bare, plain) > gain(search, fit, candidate, score)
+    return (bare, plain) if better else (candidate, score)
+
+
 def gain(search: Search, fit: Fit, candidate: Candidate, score: Score) -> float:
     """Give the log-likelihood gained less half of BIC's penalty."""
     return 0.5 * score.statistic - 0.5 * np.log(fit.n_rows) * (score.k + candidate.extra)
@@ -101,8 +116,12 @@ def evidence(search: Search, without: Fit, candidate: Candidate, size: float) ->
         left[own] *= np.minimum(norm[own] / norm[0], 1.0)
     room = float(np.linalg.slogdet(np.eye(len(left)) + max(size, 1.0) * left @ left.T)[1])
     score = confined(without, candidate, columns, freed(search, without, candidate, search.score(without, candidate)))
-    own_ratio = candidate.place.is_pair or candidate.effect.name == "transmission_coupling"
-    return 0.5 * score.statistic - 0.5 * room - candidate.extra - ODD * own_ratio
+    return 0.5 * score.statistic - 0.5 * room - candidate.extra - ODD * has_ratio(candidate)
+
+
+def has_ratio(candidate: Candidate) -> bool:
+    """Whether a law turns at a ratio of its own with two axes."""
+    return candidate.place.is_pair or candidate.effect.name == "transmission_coupling"
 
 
 def confined(fit: Fit, candidate: Candidate, columns: Vector, score: Score) -> Score:

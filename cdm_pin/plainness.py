@@ -13,7 +13,7 @@ from .effects import CATALOGUE, Candidate, extremes
 from .explanation import Explanation, estimated, explained, unsound, with_effects
 from .fit import Fit, own_covariance
 from .leaders import UNLIKELIER
-from .likelihood import REFINING, evidence, gain
+from .likelihood import REFINING, evidence, gain, has_ratio, likeliest
 from .search import Search, errors, rms
 from .shapes import refine
 from .significance import from_errors_of_laws
@@ -68,10 +68,14 @@ def simplest(explanation: Explanation, spoilt: frozenset[tuple[str, str]] = froz
 
 
 def _simplest_at(explanation: Explanation, j: int, taken: frozenset[tuple[str, str]]) -> Candidate:
-    """Give the simplest law that may stand for finding `j`; one that friction cannot be gives way to the next best."""
+    """Give the simplest law that may stand for finding `j`; one that friction cannot be gives way to the next best.
+
+    So does one with a ratio of its own to one without that the evidence is more for.
+    """
     search, found, lead = explanation.search, explanation.found[j], 0.0
-    best = _plainest(explanation, j)
     without = search.without(explanation.fit, j)
+    plainest = _plainest(explanation, j)
+    best = own = likeliest(search, without, plainest)[0]
     rivals = [
         (c, d)
         for c, d in found.rivals
@@ -80,6 +84,11 @@ def _simplest_at(explanation: Explanation, j: int, taken: frozenset[tuple[str, s
         and c.is_plausible(search.score(without, c).beta, without.effects)
         and not drives(search, without, c)
     ]
+    if has_ratio(best):
+        even = [(evidence(search, without, c, found.score.statistic), d, c) for c, d in rivals if not has_ratio(c)]
+        top = max(even, key=lambda item: item[0], default=(-np.inf, lead, best))
+        if top[0] > evidence(search, without, best, found.score.statistic):
+            _, lead, best = top
     here = {c.key for c, _ in rivals if c.place.location == best.place.location}
     if best.named and not best.is_plausible(search.score(without, best).beta, without.effects):
         least = -ABOUT * found.gain
@@ -104,7 +113,8 @@ def _simplest_at(explanation: Explanation, j: int, taken: frozenset[tuple[str, s
     def order(c: Candidate) -> tuple[int, bool, bool]:
         return search.size(c), rubs and c.effect.name != "coulomb_friction", c.effect.name == UNLIKELIER
 
-    return min(alike, key=order)
+    chosen = min(alike, key=order)
+    return plainest if chosen is own else chosen
 
 
 def _plainest(explanation: Explanation, j: int) -> Candidate:
@@ -114,9 +124,11 @@ def _plainest(explanation: Explanation, j: int) -> Candidate:
     """
     search, found = explanation.search, explanation.found[j]
     own, without = found.candidate, search.without(explanation.fit, j)
+    if own.detail:
+        return own
     fewer = [c for c in explanation.bank.laws.candidates if c.key == own.key and search.size(c) < search.size(own)]
     worth = [gain(search, without, c, search.score(without, c)) for c in fewer]
-    return own if own.detail or max(worth, default=-np.inf) <= found.gain else fewer[int(np.argmax(worth))]
+    return own if max(worth, default=-np.inf) <= found.gain else fewer[int(np.argmax(worth))]
 
 
 def drives(search: Search, fit: Fit, candidate: Candidate) -> bool:
@@ -178,7 +190,7 @@ def peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
         quick, plain = replace(candidate, creeps=False), refine(search, without, refined[i][0].dry, 3)
         free = min(found.gain, gain(search, without, quick, search.score(without, quick)))
         passage = _within(search, refined[i][0], statistic, search.settings.close)
-        if worth > max(free - search.settings.within(statistic), gain(search, without, *plain) + passage):
+        if worth > max(free - passage, gain(search, without, *plain) + passage):
             accepted[j] = refined[i][0]
     return with_effects(explanation, accepted)
 

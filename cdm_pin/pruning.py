@@ -7,7 +7,7 @@ import numpy as np
 from .effects import Candidate
 from .explanation import Explanation, explained, with_effects
 from .fit import Fit, own_covariance
-from .likelihood import likelihood
+from .likelihood import has_ratio, likelihood
 from .search import Search
 from .settling import settled
 from .significance import holds
@@ -61,7 +61,7 @@ def coupled(explanation: Explanation) -> Explanation:
     A coupling that was found beside a friction of the same two motors stays where both together do.
     """
     search, accepted = explanation.search, [f.candidate for f in explanation.found]
-    odd = [c for c in accepted if c.place.is_pair or c.effect.name == "transmission_coupling"]
+    odd = [c for c in accepted if has_ratio(c)]
     if len(odd) < 2:
         return explanation
     own = likelihood(search, accepted)
