@@ -25,7 +25,7 @@ from cdm_pin.effects import (
     joint_places,
     pair_places,
 )
-from cdm_pin.explanation import Found, _nearly_brakes
+from cdm_pin.explanation import Found, _nearly_brakes, unsound
 from cdm_pin.findings import absorbed, is_above_steps, is_known, is_plainer, sizes_in_errors, with_law_errors
 from cdm_pin.likelihood import confined, likelihood_ratio
 from cdm_pin.masses import likely_masses
@@ -930,17 +930,17 @@ def test_a_law_that_would_drive_is_unsound():
     law = CATALOGUE["friction_drift"]
     candidate = Candidate(law, law.places(load_model("urdf/cdm2.yaml"))[0], (0.01, 5.0))
 
-    def unsound(beta, statistic=100.0, k=2):
+    def told(beta, statistic=100.0, k=2):
         found = SimpleNamespace(candidate=candidate, score=Score(statistic, k, np.array(beta), 1.0, 1.0))
         explanation = SimpleNamespace(found=(found,))
         assert not unsound(explanation, explanation)  # what stood there before
         return unsound(explanation, SimpleNamespace(found=()))
 
-    assert not unsound([1.0, 0.5])
-    assert not unsound([1.0, -0.5])
-    assert unsound([1.0, -1.5]) == {candidate.key}
-    assert unsound([1.0, 0.5], -np.inf) == {candidate.key}
-    assert not unsound([0.0, 0.0], -np.inf, 0)  # superfluous
+    assert not told([1.0, 0.5])
+    assert not told([1.0, -0.5])
+    assert told([1.0, -1.5]) == {candidate.key}
+    assert told([1.0, 0.5], -np.inf) == {candidate.key}
+    assert not told([0.0, 0.0], -np.inf, 0)  # superfluous
 
 
 @pytest.mark.parametrize(("delay", "resolved"), [(6e-5, False), (5e-4, True)])
