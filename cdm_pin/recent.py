@@ -6,7 +6,8 @@ from collections.abc import Callable, Sized
 from functools import wraps
 from typing import Any, TypeVar
 
-S, T = TypeVar("S", bound=Sized), TypeVar("T")
+S = TypeVar("S", bound=Sized)
+T = TypeVar("T")
 
 
 class Recent:
