@@ -490,8 +490,8 @@ def _reconsidered(judge: Search, explanation: Explanation) -> Explanation:
 
 
 def _physics(search: Search, candidate: Candidate) -> int:
-    """Count the parameters of a candidate that are not smoothing."""
-    return search.size(candidate) - candidate.effect.nuisance_shape
+    """Count the parameters of a candidate that are neither smoothing nor what is left open about a sign."""
+    return search.size(candidate.bare) - candidate.effect.nuisance_shape
 
 
 def distinct(recordings: Sequence[Recording]) -> list[Recording]:

@@ -21,7 +21,7 @@ from .model import CableModel
 from .motion import Motion
 from .patches import MISREAD
 from .search import Search
-from .shapes import shape_slopes
+from .shapes import refine, shape_slopes
 from .units import unit_at
 from .unseen import beside, stacked
 from .whitening import log_p
@@ -344,8 +344,10 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
     close = settings.within(found.score.statistic, least=LISTED)
     rubs = effect.name == "coulomb_friction"
     alike: list[tuple[bool, Candidate]] = []
+    bare = refine(search, without, found.candidate.bare)[0] if found.candidate.detail else found.candidate
     for rival, difference in _leaning(search, without, found):
-        trifle = difference < close and is_plainer(search, without, found.candidate, rival)
+        own = found.candidate if rival.detail else bare
+        trifle = difference < close and is_plainer(search, without, own, rival)
         within = difference > -close and not trifle
         if not within and difference <= -0.1 * found.gain - 30:
             continue

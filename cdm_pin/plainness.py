@@ -83,6 +83,11 @@ def _simplest_at(explanation: Explanation, j: int, taken: frozenset[tuple[str, s
         and c.named == best.named
         and c.is_plausible(search.score(without, c).beta, without.effects)
         and not drives(search, without, c)
+        and (
+            c.effect.name != "stribeck_friction"
+            or bool(c.detail) == bool(found.candidate.detail)
+            or _rises(search, without, c)
+        )
     ]
     if has_ratio(best):
         even = [(evidence(search, without, c, found.score.statistic), d, c) for c, d in rivals if not has_ratio(c)]
@@ -142,6 +147,13 @@ def drives(search: Search, fit: Fit, candidate: Candidate) -> bool:
     return bool(weights @ both.beta[-1][:k] < -3.0 * np.sqrt(max(weights @ spread @ weights, 0.0)))
 
 
+def _rises(search: Search, without: Fit, law: Candidate) -> bool:
+    """Whether Stribeck's friction says more than dry friction by what its sign's passage may be wrong by."""
+    score = search.score(without, law)
+    passage = _within(search, law, score.statistic, search.settings.close)
+    return gain(search, without, law, score) > gain(search, without, *refine(search, without, law.dry, 3)) + passage
+
+
 def _within(search: Search, law: Candidate, statistic: float, least: float) -> float:
     """Say by how much log-likelihood another law may be worse than this one, of some statistic, to be as good."""
     error = PASSAGE if law.effect.name == "stribeck_friction" else None
@@ -187,10 +199,10 @@ def peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
         if not peaks:
             continue
         (worth, i), statistic = max(peaks), found.score.statistic
-        quick, plain = replace(candidate, creeps=False), refine(search, without, refined[i][0].dry, 3)
+        quick = replace(candidate, creeps=False)
         free = min(found.gain, gain(search, without, quick, search.score(without, quick)))
         passage = _within(search, refined[i][0], statistic, search.settings.close)
-        if worth > max(free - passage, gain(search, without, *plain) + passage):
+        if worth > free - passage and _rises(search, without, refined[i][0]):
             accepted[j] = refined[i][0]
     return with_effects(explanation, accepted)
 

@@ -146,14 +146,14 @@ EQUATIONS = [
     Equation(
         "48",
         "bounds of frequency and coefficients",
-        "search.SearchSpace.box",
+        "search_space.SearchSpace.box",
         "test_optimisers.test_candidates_stay_in_the_box",
         "Table 2's 1 rad is 20 times what its other limits allow",
     ),
     Equation(
         "49",
         "bounds of the sums of coefficients",
-        "search.SearchSpace.penalised",
+        "search_space.SearchSpace.penalised",
         "test_excitation.test_penalty_as_printed_meets_no_candidate_within_tight_limits",
         "never active within the limits",
     ),

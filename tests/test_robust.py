@@ -1132,3 +1132,27 @@ def test_a_residual_that_rings_is_no_noise(monkeypatch, height, rings):
     assert (told is not None) == rings
     if told:
         assert told["location"] == {"kind": "motor", "index": 2} and "Hz" in told["region"]
+
+
+@pytest.mark.parametrize(
+    ("seed", "effect", "visibility", "bits", "beside"),
+    [
+        (217520819009564, "stribeck_friction", 23.57, 17, "coulomb_friction"),
+        (87894727631294, "coulomb_friction", 27.8, 14, "coulomb_friction"),
+    ],
+)
+def test_weak_friction_pays_for_no_freedom(tmp_path, seed, effect, visibility, bits, beside):
+    """A peak that the data do not exclude stands beside dry friction; a coarse encoder makes no stiff hysteresis."""
+    model, runs, unseen, _ = loaded_trial(tmp_path, seed, effects=[effect], visibility=visibility, bits=bits)
+    (finding,) = diagnose(model, runs, unseen).content["findings"]
+    assert finding["effect"] == beside
+    assert effect in [finding["effect"], *(law["effect"] for law in finding["indistinguishable_from"])]
+
+
+@pytest.mark.parametrize(("across", "known"), [(0.0, False), (0.9, True)])
+def test_a_fall_is_known_at_its_time_constant(across, known):
+    """A fall of friction is there where it is sure at the time constant that suits best, if for no other."""
+    values = {"friction": {"value": 9.0, "std": 1.0}, "extra": {"value": 0.3, "std": 0.15}}
+    drift = SimpleNamespace(effect=SimpleNamespace(name="friction_drift", signs=(1, 1)))
+    covariance = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, across], [0.0, across, 1.0]])
+    assert is_known(values, drift, np.array([9.0, 2.0, 0.5])[:2], covariance) == known
