@@ -710,16 +710,17 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
         stated[j] = fi.with_law_errors(search, fit, j, covariance, where[j], values)
     lasting = [j for j in stated if fit.effects[j].effect.name not in ONCE]
     if lasting and judge is not None and any(judge.problem.segments):
-        step, unseen = fi.unseen_step(judge, fit)
+        step, chance = fi.unseen_shift(judge, fit, covariance)
         told = {j: fitted[j] for j in stated}  # by the recordings, whatever else its law may be wrong by
         for j in lasting:
-            both = (covariance + unseen)[np.ix_(where[j], where[j])]
+            own = chance[np.ix_(where[j], where[j])]
             told[j], stated[j] = (
-                fi.with_scatter(fit.effects[j], fit.beta[j], step[where[j]], both, values)
+                fi.with_scatter(fit.effects[j], fit.beta[j], step[where[j]], own, values)
                 for values in (told[j], stated[j])
             )
         least = ANY if unexplained is None else VAGUE  # what the recordings disagree about may be part of that
         vague = [j for j, v in told.items() if max(fi.sizes_in_errors(v).values(), default=np.inf) <= least]
+        vague = [j for j in vague if not (_carries(judge, explanation, j) or _is_loud_there(judge, explanation, j))]
         stated = {j: v for j, v in stated.items() if j not in vague}
         if vague and not stated:
             unexplained = unexplained or of_no_size(explanation, vague)

@@ -49,7 +49,7 @@ class Reporter:
         asked = [e for e in map(entry, suspects[:SUSPECTS]) if e not in accepted]
         news: dict[str, Any] = {"suspects": asked, "accepted": accepted}
         if self.search.problem.torque:
-            news["residual"] = left_over(self.search, fit)
+            news["residual"] = _residual(self.search, fit)
         self.progress(self._step, self._fraction, **news)
 
 
@@ -59,6 +59,6 @@ def entry(candidate: Candidate) -> dict[str, Any]:
     return {"effect": candidate.effect.name, "location": location} if candidate.named else location
 
 
-def left_over(search: Search, fit: Fit) -> Vector:
+def _residual(search: Search, fit: Fit) -> Vector:
     """Compute the error of a fit in the band, rms per motor, shape (n_motors,) [N m]."""
     return rms(search, errors(search, fit.base, fit.effects, fit.beta))[: search.problem.model.n_motors]

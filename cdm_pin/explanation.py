@@ -110,7 +110,8 @@ def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> F
             refined, s = likeliest(search, without, *refine(search, without, leader, plausibly=True))
             s = freed(search, without, refined, s)
             s = confined(without, refined, search.white(without.whitener, search.columns(refined)), s)
-            if refined.is_plausible(s.beta, without.effects) and not hides_in_masses(search, without, refined):
+            sound = np.isfinite(s.statistic) and refined.is_plausible(s.beta, without.effects)
+            if sound and not hides_in_masses(search, without, refined):
                 rivals.append((refined, gain(search, without, refined, s) - likely))
     rivals.sort(key=lambda item: -item[1])
     return Found(candidate, score, own, family_wise(score, candidate, 0.01), tuple(rivals))

@@ -80,6 +80,31 @@ def unseen_step(judge: Search, fit: Fit) -> tuple[Vector, Vector]:
     return covariance @ (W @ rest), covariance
 
 
+def unseen_shift(judge: Search, fit: Fit, covariance: Vector) -> tuple[Vector, Vector]:
+    """Give by how far apart unseen and training recordings see all parameters, and with what covariance by chance.
+
+    That is twice what the unseen ones would change beside the training ones: the difference of the two where either
+    tells as much, and less where unseen recordings alone hardly tell a parameter.
+
+    Parameters
+    ----------
+    judge : Search
+    fit : Fit
+    covariance : ndarray
+        Of all parameters by the training recordings (`joint_covariance`).
+    """
+    step, unseen = unseen_step(judge, fit)
+    there = np.flatnonzero(np.diag(unseen) > 0.0)
+    block = np.ix_(there, there)
+    scale = np.sqrt(np.diag(covariance)[there] + np.diag(unseen)[there])
+    both = (covariance + unseen)[block] / scale / scale[:, None]
+    share = (covariance[block] / scale) @ np.linalg.pinv(both, rcond=1e-12, hermitian=True) / scale
+    shift, chance = np.zeros_like(step), np.zeros_like(covariance)
+    shift[there] = 2.0 * share @ step[there]
+    chance[block] = 4.0 * share @ covariance[block]
+    return shift, chance
+
+
 def with_scatter(
     candidate: Candidate, beta: Vector, step: Vector, covariance: Vector, values: dict[str, dict[str, Any]]
 ) -> dict[str, dict[str, Any]]:
@@ -221,7 +246,7 @@ LEAST = 0.002
 NEARLY = 0.9
 """Cosine of the motors' torques from which on two places are not told apart beside what has no name."""
 FALL = 0.75
-"""Weight of a fall of friction, in its errors at the time constant that suits it best: there is a choice of these."""
+"""Weight of coefficients, in their errors, at the time constant or period that suits best: there is a choice."""
 SCATTER = 2.0
 """Standard errors by which training and unseen recordings differ by chance."""
 SHAPES = ("phase", "cycles", "form", "ratio", "stribeck_velocity", "time_constant", "rest", "start", "end", "recording")
@@ -248,7 +273,8 @@ def is_known(
     Two effects at one place may share a level that neither has alone; what tells them apart is known all the same. The
     coefficients of a spring that stiffens are those of a polynomial, which are known together where none is alone; so
     are the two of a friction that falls as slowly as a recording lasts. Of one whose level is known that has to be by
-    which it falls, if only at the time constant that suits it best; a coupling has to have a ratio that is known.
+    which it falls, if only at the time constant that suits it best, and of one that varies with position that is enough
+    by which it varies, at the period that suits it best; a coupling has to have a ratio that is known.
     """
     ratio = values.get("ratio") if candidate.effect.name == "transmission_coupling" else None
     if ratio is not None and abs(ratio["value"]) <= least * ratio["std"]:  # with which joint, then?
@@ -261,19 +287,22 @@ def is_known(
         own, n = (own, k) if k > 2 else (z[:1], 0)  # a constant torque is none
     if candidate.effect.name == "friction_drift":
         n, sizes = 0 if abs(z[0]) > least else len(own), {"extra": sizes["extra"]}
-        own = own[1:] if n else np.r_[own[1:], FALL * _given_shape(beta, covariance)[1]]
+        own = own[1:] if n else np.r_[own[1:], np.sqrt(_at_best(beta, covariance, [1]))]
+    if candidate.effect.name == "position_dependent_friction":
+        own = np.r_[own, least * (log_p(_at_best(beta, covariance, [1, 2]), 2) / log_p(least**2, 1))]
     if max([*sizes.values(), *np.abs(own)], default=0.0) > least:
         return True
     together = np.linalg.pinv(covariance[:n, :n] / std[:n, None] / std[:n], rcond=1e-9, hermitian=True)
     return n > 0 and bool(log_p(float(z[:n] @ together @ z[:n]), n) < log_p(least**2, 1))
 
 
-def _given_shape(beta: Vector, covariance: Vector) -> Vector:
-    """Give coefficients in units of the standard errors that they have where the shape is what it is."""
+def _at_best(beta: Vector, covariance: Vector, which: Sequence[int]) -> float:
+    """Give the statistic of some coefficients where the shape is what suits best, less for having been chosen."""
     k = len(beta)
     across = covariance[:k, k:]
     given = covariance[:k, :k] - across @ np.linalg.pinv(covariance[k:, k:], hermitian=True) @ across.T
-    return beta / np.sqrt(np.maximum(np.diag(given), 1e-300))
+    own = beta[which]
+    return FALL**2 * float(own @ np.linalg.pinv(given[np.ix_(which, which)], hermitian=True) @ own)
 
 
 def sizes_in_errors(values: dict[str, dict[str, Any]]) -> dict[str, float]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from trials import loaded_trial, search_of
 
-from cdm_pin import asked, drifting, plainness, pruning, resolved, significance, unexplained
+from cdm_pin import asked, drifting, findings, plainness, pruning, resolved, significance, unexplained
 from cdm_pin import diagnose as diagnosis
 from cdm_pin.bank import all_candidates
 from cdm_pin.base import base_parameters, massive_columns
@@ -1156,3 +1156,13 @@ def test_a_fall_is_known_at_its_time_constant(across, known):
     drift = SimpleNamespace(effect=SimpleNamespace(name="friction_drift", signs=(1, 1)))
     covariance = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, across], [0.0, across, 1.0]])
     assert is_known(values, drift, np.array([9.0, 2.0, 0.5])[:2], covariance) == known
+
+
+@pytest.mark.parametrize(("unseen", "shift", "chance"), [(1.0, 5.0, 2.0), (100.0, 10.0 / 101.0, 4.0 / 101.0)])
+def test_recordings_that_hardly_tell_a_parameter_move_it_little(monkeypatch, unseen, shift, chance):
+    """As much information on either side: their difference. Hardly any in the unseen: next to nothing."""
+    step, spread = np.array([5.0, 0.0]), np.diag([unseen, 0.0])  # the second is a drift of the training's own
+    monkeypatch.setattr(findings, "unseen_step", lambda judge, fit: (step, spread))
+    far, near = findings.unseen_shift(None, None, np.eye(2))
+    assert far == pytest.approx([shift, 0.0])
+    assert np.diag(near) == pytest.approx([chance, 0.0])
