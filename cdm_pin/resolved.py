@@ -11,7 +11,8 @@ from .doubts import COMPLIANT, PUNCTUAL
 from .effects import Candidate, greatest_load, sign_width
 from .fit import Fit
 from .geometry import Vector
-from .patches import RUBS
+from .patches import MISREAD, RUBS
+from .problem import rounding_errors
 from .robust import UNSURE, is_coarse
 from .search import Search, errors, rms
 from .whitening import inside_of
@@ -32,9 +33,9 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
     Where positions are too coarse for the accelerations in the band, that is more. Of a correction without a name that
     share counts which the fit leaves over; it has to exceed what steps of encoders can bring, and where they are too
     coarse what the sensors bring by themselves. A push has to last for as long as the band can tell from an outlier,
-    to exceed half a step of the torque, and where nothing moves to exceed what dry friction holds. A cable gives as a
-    spring first, then as a damper. What a zero is off by has to be more than it drifts by, a delay more than the
-    instants of samples are unsure by.
+    to exceed half a step of the torque, and where nothing moves to exceed what dry friction holds. A reading has to be
+    off by more than encoders on both sides round. A cable gives as a spring first, then as a damper. What a zero is off
+    by has to be more than it drifts by, a delay more than the instants of samples are unsure by.
     """
     problem, push = search.problem, candidate.effect.name == "external_torque"
     if candidate.effect.name == "time_delay" and abs(beta[0]) * problem.motions[0].rate < PUNCTUAL:
@@ -44,6 +45,8 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
     if push and _is_held(search, candidate, float(np.abs(beta[0])), fit):
         return False
     if candidate.effect.name == "encoder_offset" and problem.kinematic and not _is_in_means(search, candidate, fit):
+        return False
+    if candidate.effect.name == MISREAD and problem.kinematic and _is_rounded(search, candidate, beta):
         return False
     if not problem.torque:
         return True
@@ -70,6 +73,20 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
     if not np.any(visible * own[:m] > least):
         return False
     return candidate.effect.name not in RUBS or not _is_pushed(search, torque, fit)
+
+
+def _is_rounded(search: Search, reading: Candidate, beta: Vector) -> bool:
+    """Whether an encoder's reading is off by no more than half steps of the encoders between which that is seen.
+
+    At rest these are off by something that depends on where it is.
+    """
+    problem, model = search.problem, search.problem.model
+    m = model.n_motors * problem.torque
+    rounded = [rounding_errors(run.signals) for run in problem.runs]
+    most = {side: np.sqrt(3.0) * np.max([own[side] for own in rounded], axis=0) for side in rounded[0]}
+    bound = model.arm_scale * (np.abs(model.motor_from_joint) @ most["joint_position"] + most["motor_position"])
+    travel = [np.abs(np.tensordot(beta, columns, 1)[m:]).max(axis=1) for columns in search.columns(reading)]
+    return bool(np.all(np.max(travel, axis=0) <= bound))
 
 
 def _is_pushed(search: Search, torque: Sequence[Vector], fit: Fit) -> bool:

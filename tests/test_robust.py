@@ -1166,3 +1166,15 @@ def test_recordings_that_hardly_tell_a_parameter_move_it_little(monkeypatch, uns
     far, near = findings.unseen_shift(None, None, np.eye(2))
     assert far == pytest.approx([shift, 0.0])
     assert np.diag(near) == pytest.approx([chance, 0.0])
+
+
+@pytest.mark.parametrize(("off", "rounded"), [(0.9, True), (1.1, False)])
+def test_a_reading_is_off_by_more_than_encoders_round(monkeypatch, off, rounded):
+    """Two encoders of a step each differ by up to one step at rest, by something that depends on where that is."""
+    errors = {side: np.array([1.0 / np.sqrt(12.0)]) for side in ("joint_position", "motor_position")}
+    monkeypatch.setattr(resolved, "rounding_errors", lambda signals: errors)
+    model = SimpleNamespace(n_motors=1, arm_scale=np.ones(1), motor_from_joint=np.eye(1))
+    problem = SimpleNamespace(model=model, torque=True, runs=[SimpleNamespace(signals=None)])
+    columns = [np.stack([np.zeros(50), np.sin(np.linspace(0.0, 6.0, 50))])[None]]
+    search = SimpleNamespace(problem=problem, columns=lambda reading: columns)
+    assert resolved._is_rounded(search, None, np.array([off])) == rounded
