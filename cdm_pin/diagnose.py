@@ -713,11 +713,9 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
         step, chance = fi.unseen_shift(judge, fit, covariance)
         told = {j: fitted[j] for j in stated}  # by the recordings, whatever else its law may be wrong by
         for j in lasting:
-            own = chance[np.ix_(where[j], where[j])]
-            told[j], stated[j] = (
-                fi.with_scatter(fit.effects[j], fit.beta[j], step[where[j]], own, values)
-                for values in (told[j], stated[j])
-            )
+            own = step[where[j]], chance[np.ix_(where[j], where[j])]
+            told[j] = fi.with_scatter(fit.effects[j], fit.beta[j], *own, told[j])
+            stated[j] = fi.with_scatter(fit.effects[j], fit.beta[j], *own, stated[j])
         least = ANY if unexplained is None else VAGUE  # what the recordings disagree about may be part of that
         vague = [j for j, v in told.items() if max(fi.sizes_in_errors(v).values(), default=np.inf) <= least]
         vague = [j for j in vague if not (_carries(judge, explanation, j) or _is_loud_there(judge, explanation, j))]

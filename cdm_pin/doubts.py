@@ -14,7 +14,6 @@ from .fit import Fit
 from .geometry import Vector
 from .masses import hidden
 from .motion import Motion
-from .problem import rounding_errors
 from .recent import kept
 from .search import Search
 from .whitening import inside_of
@@ -49,11 +48,11 @@ def _error_of(search: Search, candidate: Candidate, beta: Vector, fit: Fit) -> V
             part[:, search.problem.model.n_motors :] = 0.0
     known = candidate.law_error(search.problem.motions[0]) * np.abs(search.white(fit.whitener, parts)[0])
     if candidate.has_doubts:
-        doubts = search.problem.reduce(lambda motion: candidate.doubts(motion, beta))
-        known = known + np.abs(search.white(fit.whitener, [d.dense() for d in doubts])).sum(axis=0)
+        doubts = search.in_band(lambda motion: candidate.doubts(motion, beta))
+        known = known + np.abs(search.white(fit.whitener, doubts)).sum(axis=0)
     if candidate.effect.leaves_open is not None:
-        further = search.problem.reduce(lambda motion: candidate.left_open(motion, beta))
-        known = known + np.abs(search.white(fit.whitener, [x.dense() for x in further])).sum(axis=0)
+        further = search.in_band(lambda motion: candidate.left_open(motion, beta))
+        known = known + np.abs(search.white(fit.whitener, further)).sum(axis=0)
     if candidate.effect.reveals is not None:
         _, beside, A, _ = hidden(search, fit)
         open_still = np.linalg.solve(np.linalg.cholesky(A @ A.T + np.eye(len(A))), beside)
@@ -93,16 +92,14 @@ def lags(search: Search, fit: Fit) -> Vector:
     -------
     ndarray, shape (n, n_rows)
     """
-    model, errors = search.problem.model, [rounding_errors(run.signals) for run in search.problem.runs]
-    most = {side: np.sqrt(3.0) * np.max([own[side] for own in errors], axis=0) for side in errors[0]}
+    model, most = search.problem.model, search.problem.half_steps
 
     def columns(motion: Motion) -> Columns:
         joints = model.motor_from_joint * (most["joint_position"] * np.sign(motion.v))[:, None, :]
         motors = np.eye(model.n_motors) * (most["motor_position"] * np.sign(motion.v_m))[:, None, :]
         return Columns(kinematic=model.arm_scale[:, None] * np.concatenate([-joints, motors], axis=2))
 
-    rows = search.white(fit.whitener, [lines.dense() for lines in search.problem.reduce(columns)])
-    return fit.rest(rows)
+    return fit.rest(search.white(fit.whitener, search.in_band(columns)))
 
 
 @kept
@@ -144,8 +141,7 @@ def sides(search: Search, fit: Fit) -> Vector:
         more = [inverse_dynamics(motion.model, motion.q, motion.v, a) - own for a in each]
         return Columns(np.stack([model.motor_torque(x) for x in more], axis=-1))
 
-    rows = search.white(fit.whitener, [lines.dense() for lines in problem.reduce(columns)])
-    return fit.rest(rows)
+    return fit.rest(search.white(fit.whitener, search.in_band(columns)))
 
 
 @kept

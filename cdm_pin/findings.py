@@ -144,7 +144,7 @@ def stiffening(search: Search, fit: Fit, j: int, covariance: Vector) -> Vector:
         return Columns(along=(s[None] ** 3, candidate.place.weights(motion.model)))
 
     far = max(float(np.abs(candidate.place.along(m.q, m.q_m) - rest).max()) for m in search.problem.motions)
-    w = search.white(fit.whitener, [c.dense() for c in search.problem.reduce(cubic)])[0]
+    w = search.white(fit.whitener, search.in_band(cubic))[0]
     change = covariance @ (W @ w)
     unseen = w - change @ W
     return np.outer(change, change) / (unseen @ unseen + (far**2 / beta[0]) ** 2)
@@ -288,10 +288,10 @@ def is_known(
     if candidate.effect.name == "friction_drift":
         n, sizes = 0 if abs(z[0]) > least else len(own), {"extra": sizes["extra"]}
         own = own[1:] if n else np.r_[own[1:], np.sqrt(_at_best(beta, covariance, [1]))]
-    if candidate.effect.name == "position_dependent_friction":
-        own = np.r_[own, least * (log_p(_at_best(beta, covariance, [1, 2]), 2) / log_p(least**2, 1))]
     if max([*sizes.values(), *np.abs(own)], default=0.0) > least:
         return True
+    if candidate.effect.name == "position_dependent_friction":
+        return log_p(_at_best(beta, covariance, [1, 2]), 2) < log_p(least**2, 1)
     together = np.linalg.pinv(covariance[:n, :n] / std[:n, None] / std[:n], rcond=1e-9, hermitian=True)
     return n > 0 and bool(log_p(float(z[:n] @ together @ z[:n]), n) < log_p(least**2, 1))
 

@@ -84,8 +84,8 @@ def hidden(search: Search, fit: Fit) -> tuple[Vector, Vector, Vector, Vector]:
     banks = [np.zeros((len(before), *rigid.shape[1:])) for rigid in search.rigid]
     for candidate, beta in zip(fit.effects, fit.beta, strict=True):
         if candidate.effect.reveals is not None:
-            columns = search.problem.reduce(lambda motion, c=candidate, b=beta: c.revealed(motion, np.diag(before), b))
-            banks = [bank + x.dense() for bank, x in zip(banks, columns, strict=True)]
+            columns = search.in_band(lambda motion, c=candidate, b=beta: c.revealed(motion, np.diag(before), b))
+            banks = [bank + x for bank, x in zip(banks, columns, strict=True)]
     beside, W = search.white(fit.whitener, banks), search.white(fit.whitener, search.rigid)
     others = np.concatenate([W[p:], *[search.white(fit.whitener, search.columns(c)) for c in fit.effects]])
     Q = least_squares(others, fit.body.data)[1]

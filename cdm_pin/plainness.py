@@ -143,7 +143,7 @@ def drives(search: Search, fit: Fit, candidate: Candidate) -> bool:
     weights = candidate.least(search.problem.motions)
     both = search.fit([*fit.effects, candidate], fit.whitener)
     k = len(weights)
-    spread = both.covariance[-len(both.beta[-1]) :, -len(both.beta[-1]) :][:k, :k]
+    spread = own_covariance(both, len(fit.effects))[:k, :k]
     return bool(weights @ both.beta[-1][:k] < -3.0 * np.sqrt(max(weights @ spread @ weights, 0.0)))
 
 

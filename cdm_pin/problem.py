@@ -250,6 +250,15 @@ class Problem:
         """Per run the standard parameters of the stated payload, taken to sit at the tip of the last link."""
         return [tip_load(self.model, run.payload) for run in self.runs]
 
+    @property
+    def half_steps(self) -> dict[str, Vector]:
+        """Half a step [rad] of the encoders on each side that is logged, of the coarsest recording.
+
+        Where no steps were seen, those that would make the noise of a position.
+        """
+        errors = [rounding_errors(run.signals) for run in self.runs]
+        return {side: np.sqrt(3.0) * np.max([own[side] for own in errors], axis=0) for side in errors[0]}
+
     def steps_at(self, joint: int) -> float:
         """Sum of the steps [rad] of the encoders that say where a joint is, of the coarsest recording.
 

@@ -12,7 +12,6 @@ from .effects import Candidate, greatest_load, sign_width
 from .fit import Fit
 from .geometry import Vector
 from .patches import MISREAD, RUBS
-from .problem import rounding_errors
 from .robust import UNSURE, is_coarse
 from .search import Search, errors, rms
 from .whitening import inside_of
@@ -82,8 +81,7 @@ def _is_rounded(search: Search, reading: Candidate, beta: Vector) -> bool:
     """
     problem, model = search.problem, search.problem.model
     m = model.n_motors * problem.torque
-    rounded = [rounding_errors(run.signals) for run in problem.runs]
-    most = {side: np.sqrt(3.0) * np.max([own[side] for own in rounded], axis=0) for side in rounded[0]}
+    most = problem.half_steps
     bound = model.arm_scale * (np.abs(model.motor_from_joint) @ most["joint_position"] + most["motor_position"])
     travel = [np.abs(np.tensordot(beta, columns, 1)[m:]).max(axis=1) for columns in search.columns(reading)]
     return bool(np.all(np.max(travel, axis=0) <= bound))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -12,10 +12,11 @@ import numpy as np
 from .bank import Bank, WhiteBank, all_candidates, make_bank, whitened
 from .base import BaseParameters, updated_model
 from .drift import Drift
-from .effects import Candidate, Identity
+from .effects import Candidate, Columns, Identity
 from .fit import Body, Fit, fitted, least_squares
 from .geometry import Vector
 from .model import CableModel
+from .motion import Motion
 from .problem import Problem
 from .recent import Recent, lasting
 from .scores import Score, scored
@@ -164,8 +165,12 @@ class Search:
         """Columns of a candidate in the band, per run; kept for the next time."""
         key = candidate.identity
         if key not in self._cache:
-            self._cache[key] = [lines.dense() for lines in self.problem.reduce(candidate.columns)]
+            self._cache[key] = self.in_band(candidate.columns)
         return self._cache[key]
+
+    def in_band(self, columns: Callable[[Motion], Columns]) -> list[Vector]:
+        """Compute columns from the motions, in the band, per run."""
+        return [lines.dense() for lines in self.problem.reduce(columns)]
 
     def forget(self, candidate: Candidate) -> None:
         """Keep the columns of a candidate no longer, such as one of many shapes that are tried."""

@@ -166,7 +166,7 @@ def shape_slopes(search: Search, candidate: Candidate, beta: Vector) -> list[lis
         sides = []
         for step in (h, -h):
             shape = (*candidate.shape[:i], value + step, *candidate.shape[i + 1 :])
-            columns = search.problem.reduce(replace(candidate, shape=shape).columns)
-            sides.append([np.tensordot(beta, c.dense(), 1) for c in columns])
+            columns = search.in_band(replace(candidate, shape=shape).columns)
+            sides.append([np.tensordot(beta, c, 1) for c in columns])
         slopes.append([(a - b)[None] / (2 * h) for a, b in zip(*sides, strict=True)])
     return slopes

@@ -357,7 +357,7 @@ def test_a_spring_pulls_back(tmp_path, slope):
     low, high = np.percentile(q, [2.5, 97.5])
     assert weights @ np.array([0.0, 5.0, 0.0, 1.0]) == pytest.approx(high**2 + high * low + low**2)
     beta = np.array([slope, 0.0, 0.0, 0.0])
-    both = SimpleNamespace(beta=(beta,), covariance=np.diag([9.0, *np.full(4, 0.25)]))
+    both = SimpleNamespace(base=np.zeros(1), beta=(beta,), covariance=np.diag([9.0, *np.full(4, 0.25)]))
     stub = SimpleNamespace(problem=problem, fit=lambda effects, whitener: both)
     without = SimpleNamespace(effects=(), whitener=None)
     assert drives(stub, without, spring) == (slope < -1.5)
@@ -1169,12 +1169,11 @@ def test_recordings_that_hardly_tell_a_parameter_move_it_little(monkeypatch, uns
 
 
 @pytest.mark.parametrize(("off", "rounded"), [(0.9, True), (1.1, False)])
-def test_a_reading_is_off_by_more_than_encoders_round(monkeypatch, off, rounded):
+def test_a_reading_is_off_by_more_than_encoders_round(off, rounded):
     """Two encoders of a step each differ by up to one step at rest, by something that depends on where that is."""
-    errors = {side: np.array([1.0 / np.sqrt(12.0)]) for side in ("joint_position", "motor_position")}
-    monkeypatch.setattr(resolved, "rounding_errors", lambda signals: errors)
+    half = {side: np.array([0.5]) for side in ("joint_position", "motor_position")}
     model = SimpleNamespace(n_motors=1, arm_scale=np.ones(1), motor_from_joint=np.eye(1))
-    problem = SimpleNamespace(model=model, torque=True, runs=[SimpleNamespace(signals=None)])
+    problem = SimpleNamespace(model=model, torque=True, half_steps=half)
     columns = [np.stack([np.zeros(50), np.sin(np.linspace(0.0, 6.0, 50))])[None]]
     search = SimpleNamespace(problem=problem, columns=lambda reading: columns)
     assert resolved._is_rounded(search, None, np.array([off])) == rounded
