@@ -20,7 +20,9 @@ ALARM = 1e-3
 LONG = 1.5
 """Longest period over the duration: a zero that moves so slowly leaves a constant behind that tells nothing."""
 LOUD = 6.0
-"""What is so many times the rest of the noise is no drift of a sensor: a fault."""
+"""What is so many times the rest of the noise in the band is no drift of a sensor: a fault."""
+SAMPLED = 3.0
+"""Unless it is below so many times the noise of single samples, of which the band holds little."""
 QUICKER = 3
 """How many more waves a drift may take that is quicker than usual."""
 
@@ -93,6 +95,7 @@ def drifting_channels(
     rate: float,
     n_motors: int,
     quicker: int = 0,
+    sampled: Vector | float = 0.0,
 ) -> list[int]:
     """Find the motors in whose torque the slow shapes have more power than the frequencies next to them.
 
@@ -110,8 +113,10 @@ def drifting_channels(
     quicker : int
         Where it is not 0, it is the quickest of that many further waves that is asked for, beside all others; it has to
         be likely only.
+    sampled : ndarray, shape (n_motors,) or float
+        Noise of single samples of each torque.
     """
-    power, total, room = np.zeros((n_motors, 2)), np.zeros(n_motors), np.zeros((n_motors, 2))
+    power, total, room, count = np.zeros((n_motors, 2)), np.zeros(n_motors), np.zeros((n_motors, 2)), 0
     for e, q, run in zip(residuals, basis, segments, strict=True):
         for a, b in run:
             n = b - a
@@ -125,6 +130,7 @@ def drifting_channels(
             phase = 2 * np.pi * np.outer(t, near)
             R = np.linalg.qr(np.concatenate([Q, np.cos(phase), np.sin(phase)], axis=1))[0][:, Q.shape[1] :]
             x = e[:n_motors, a:b]
+            count += n
             total += np.sum((x - x.mean(axis=1, keepdims=True)) ** 2, axis=1)
             for c in range(n_motors):
                 for k, U in enumerate((Q[:, -2:] if quicker else Q[:, 1:], R)):
@@ -133,9 +139,15 @@ def drifting_channels(
     room = np.maximum(room, 1.0)
     ratio = (power[:, 0] / room[:, 0]) / np.maximum(power[:, 1] / room[:, 1], 1e-300)
     sure, likely = (f_distribution.isf(p / n_motors, room[:, 0], room[:, 1]) for p in (ALARM, 100 * ALARM))
-    slow = power[:, 0] < LOUD**2 * np.maximum(total - power[:, 0], 0.0)
+    rest = np.maximum(total - power[:, 0], 0.0) / max(count, 1)
+    slow = power[:, 0] < count * faint(rest, sampled)
     seen = np.any((ratio > (likely if quicker else sure)) & slow)
     return [int(c) for c in np.flatnonzero((ratio > likely) & slow)] if seen else []
+
+
+def faint(rest: Vector, sampled: Vector | float) -> Vector:
+    """Say how large a drift of a sensor may be beside the rest of a torque in the band, both mean squares."""
+    return np.maximum(LOUD**2 * rest, (SAMPLED * np.asarray(sampled)) ** 2)
 
 
 def without_drift(errors: Vector, run: Segments, shapes: Vector) -> Vector:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .drift import LONG, LOUD, QUICKER, Drift, drift_columns, drifting_channels, slow_shapes, without_drift
+from .drift import LONG, QUICKER, Drift, drift_columns, drifting_channels, faint, slow_shapes, without_drift
 from .effects import Candidate
 from .fit import Fit
 from .geometry import Vector
@@ -26,11 +26,12 @@ def with_drift(search: Search, effects: Sequence[Candidate] = (), most: int = QU
         return search
     rest, basis = plain_rest(search, effects, smooth_columns(search))
     seen = rest, basis, problem.segments, rate, problem.model.n_motors
-    channels = drifting_channels(*seen)
+    sampled = problem.sensors.sampled
+    channels = drifting_channels(*seen, sampled=sampled)
     if not channels:
         return search
     quicker = 0
-    while quicker < most and set(channels) & set(drifting_channels(*seen, quicker + 1)):
+    while quicker < most and set(channels) & set(drifting_channels(*seen, quicker + 1, sampled)):
         quicker += 1
     return search.drifting(Drift(slow_waves(search, channels, LONG, quicker), tuple(channels), quicker))
 
@@ -50,8 +51,9 @@ def is_swamped(search: Search, fit: Fit) -> bool:
         return False
     own = search.fit([c for c in fit.effects if c.named], fit.whitener).base[search.n_bodies : search.n_rigid]
     drift = [np.tensordot(own, columns, 1) for columns in search.drift.columns]
-    rest = still_errors(search, fit)
-    return bool(np.any(rms(search, drift) > LOUD * rms(search, rest)))
+    m = search.problem.model.n_motors
+    size, rest = (rms(search, x)[:m] ** 2 for x in (drift, still_errors(search, fit)))
+    return bool(np.any(size > faint(rest, search.problem.sensors.sampled)))
 
 
 @kept

@@ -8,12 +8,14 @@ import numpy as np
 
 from .completed import effect_candidates
 from .doubts import COMPLIANT, PUNCTUAL
+from .drift import SAMPLED
 from .effects import Candidate, greatest_load, sign_width
 from .fit import Fit
 from .geometry import Vector
 from .patches import MISREAD, RUBS
 from .robust import UNSURE, is_coarse
 from .search import Search, errors, rms
+from .walking import walking_noise
 from .whitening import inside_of
 
 ALIKE = 0.95
@@ -104,13 +106,16 @@ def _is_pushed(search: Search, torque: Sequence[Vector], fit: Fit) -> bool:
 def _drifted(search: Search, fit: Fit) -> Vector:
     """Say by how much the torques' zeros drift in a fit, rms, shape (n_motors,) [N m].
 
-    Where most were seen to, the others' drift no less than the least of them: their sensors are of a kind.
+    Where most were seen to, the others' drift no less than the least of them: their sensors are of a kind. Where they
+    walk, the recording need not show how far.
     """
     first = search.n_bodies
     drifts = [np.tensordot(fit.base[first:], rigid[first:], 1) for rigid in search.rigid]
     size = rms(search, drifts)[: search.problem.model.n_motors]
     seen = size[size > 0.0]
-    return np.maximum(size, seen.min()) if 2 * len(seen) > len(size) else size
+    size = np.maximum(size, seen.min()) if 2 * len(seen) > len(size) else size
+    walks = walking_noise(search, fit) is not None
+    return np.maximum(size, SAMPLED * search.problem.sensors.sampled) if walks else size
 
 
 def _is_no_cable(search: Search, cable: Candidate, beta: Vector) -> bool:

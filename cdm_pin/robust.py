@@ -15,7 +15,10 @@ from .geometry import Vector
 from .problem import Problem
 from .scores import Score, scored
 from .search import Search
+from .walking import walking_noise
 
+OF_TIME = ("external_torque", "unnamed_time", "unnamed_stiffening")
+"""Functions of time: slow ones look like drifts of zeros."""
 BLOCKS = (1, 8, 24)
 """Lengths of bursts, in samples of the band."""
 COARSE = 0.7
@@ -36,9 +39,14 @@ def robust_score(search: Search, fit: Fit, candidate: Candidate) -> Score:
 
     Where positions are too coarse for the accelerations in the band, the statistic is no more than in white noise
     clearly larger than what the sensors bring by themselves: no residual shows what errors of accelerations have in
-    common with the columns.
+    common with the columns. Where zeros walk, what has no name is no more than beside noise that does.
     """
     score = _in_bursts(search, fit, candidate)
+    if not candidate.named:
+        walking = walking_noise(search, fit)
+        if walking is not None:
+            other = _in_bursts(search, search.fit(fit.effects, walking), candidate)
+            score = replace(score, statistic=min(score.statistic, other.statistic))
     if is_coarse(search.problem) and not _is_travel(search, candidate):
         other = _in_bursts(search, search.fit(fit.effects, search.sensed), candidate)
         score = replace(score, statistic=min(score.statistic, other.statistic / UNSURE**2))
@@ -56,15 +64,15 @@ def _in_bursts(search: Search, fit: Fit, candidate: Candidate) -> Score:
 
     Encoders that round down, or whose zero is known to half a step, are off by up to that: such offsets are fitted with
     that much room beside the candidate; and so is what unsure masses stretch soft cables by, what instants bring that
-    are as unsure as they are, beside a push, drifts of zeros a little quicker than was seen, and, beside a rotor, what
-    encoders of joints that move together disagree by. Then the statistic is divided by how much larger than usual
-    the residual is where the candidate acts, if it is sure to be: the variance of its coefficient is then the
-    sandwich's, in blocks (White, Econometrica 48(4), 1980; Newey, West, Econometrica 55(3), 1987). Of a push, also
-    just before and after.
+    are as unsure as they are, beside what is a function of time, drifts of zeros a little quicker than was seen, and,
+    beside a rotor, what encoders of joints that move together disagree by. Then the statistic is divided by how much
+    larger than usual the residual is where the candidate acts, if it is sure to be: the variance of its coefficient is
+    then the sandwich's, in blocks (White, Econometrica 48(4), 1980; Newey, West, Econometrica 55(3), 1987). Of a push,
+    also just before and after.
     """
     W = search.white(fit.whitener, search.columns(candidate))
     X, Z = fit.rest(W), np.concatenate([offsets(search, fit), unsure_stretches(search, fit)])
-    if candidate.effect.name == "external_torque":  # it looks like a drift for a while
+    if candidate.effect.name in OF_TIME:  # it looks like a drift for a while
         Z = np.concatenate([Z, quicker_drifts(search, fit)])
     if _is_travel(search, candidate):
         Z = np.concatenate([Z, lags(search, fit)])

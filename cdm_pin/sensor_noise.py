@@ -56,6 +56,16 @@ class SensorNoise:
         return np.max(parts, axis=0)
 
     @cached_property
+    def sampled(self) -> Vector:
+        """Of the samples of torque as logged, what most of them have above the band, shape (n_motors,) [N m]."""
+        parts = [np.zeros((1, self.model.n_motors))]
+        for signals in self.signals:
+            tau = measured_torques(self.model, signals.logged)
+            if len(tau) >= 64:
+                parts.append((tau - lowpass(tau, signals.rate, self.band.cutoff))[signals.valid])
+        return 1.4826 * np.median(np.abs(np.concatenate(parts)), axis=0)
+
+    @cached_property
     def travel(self) -> Vector:
         """Of the travel between the encoders of both sides, as if they rounded down, shape (n_motors,) [rad].
 

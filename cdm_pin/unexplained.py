@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .asked import unnamed
+from .drift import SAMPLED
 from .drifting import still_errors
 from .effects import Candidate, Place, axis_places
 from .explanation import Explanation, Found
@@ -232,8 +233,8 @@ def wandering_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     """Say where a torque wanders slowly with time, in no repeatable way; None where it does not.
 
     Its place is that joint or motor along whose coordinate the slow part of the residual lies. It has to be more than
-    an error of the rigid body's torque and of the laws, and than steps of encoders bring, which are slow where motions
-    are.
+    an error of the rigid body's torque and of the laws, than zeros of sensors drift by, and than steps of encoders
+    bring, which are slow where motions are.
     """
     problem, m = search.problem, search.problem.model.n_motors
     rest, noise = left_over(search, fit.effects, smooth=False)
@@ -246,7 +247,8 @@ def wandering_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
         return None
     size = np.sqrt(np.mean(np.concatenate(slow, axis=1) ** 2, axis=1))
     rigid, laws = search.settings.torque_error * search.loads, _accuracy(search, fit)
-    least = np.max([rigid[:m], laws[:m], 2.0 * problem.sensors.rounding], axis=0)
+    sensed = SAMPLED * problem.sensors.sampled, 2.0 * problem.sensors.rounding
+    least = np.max([rigid[:m], laws[:m], *sensed], axis=0)
     return None if np.all(size < least) else _torque_that("wanders slowly with time", slow, problem.model)
 
 

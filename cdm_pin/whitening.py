@@ -192,6 +192,21 @@ def fit_whitener(
     blocks : sequence of slice, optional
         Groups of channels whose noises have nothing in common; all one group if not given.
     """
+    coefficients, innovations = autoregressions(residuals, segments, order)
+    return whitener_from(coefficients, innovations, blocks)
+
+
+def autoregressions(
+    residuals: Sequence[Vector], segments: Sequence[Segments], order: int
+) -> tuple[Vector, list[list[Vector]]]:
+    """Fit an autoregression to each channel, as `fit_whitener` does.
+
+    Returns
+    -------
+    coefficients : ndarray, shape (n_channels, order)
+    innovations : list of list of ndarray
+        Per run those of each channel.
+    """
     n_channels = residuals[0].shape[0]
     longest = max((stop - start for run in segments for start, stop in run), default=0)
     order = max(1, min(order, longest // 6))
@@ -218,17 +233,25 @@ def fit_whitener(
         e, who = b - A @ coefficients[c], np.concatenate(owner)
         for r in range(len(residuals)):
             innovations[r].append(e[who == r])
+    return coefficients, innovations
+
+
+def whitener_from(
+    coefficients: Vector, innovations: Sequence[Sequence[Vector]], blocks: Sequence[slice] | None = None
+) -> Whitener:
+    """Make the whitener of autoregressions and what they leave of each run (`autoregressions`)."""
+    n_channels = len(coefficients)
     runs = [_aligned(run) for run in innovations if len(run) == n_channels and len(run[0])]
     if not runs:
-        return Whitener(coefficients, np.eye(n_channels), np.ones(len(residuals)))
+        return Whitener(coefficients, np.eye(n_channels), np.ones(len(innovations)))
     pooled = np.concatenate(runs, axis=1)
     mix = np.zeros((n_channels, n_channels))
     for block in blocks or [slice(0, n_channels)]:
         covariance = pooled[block] @ pooled[block].T / pooled.shape[1]
         floor = 1e-12 * np.trace(covariance) / n_channels + 1e-300
         mix[block, block] = np.linalg.inv(np.linalg.cholesky(covariance + floor * np.eye(len(covariance))))
-    scale = np.ones(len(residuals))
-    if len(runs) == len(residuals):
+    scale = np.ones(len(innovations))
+    if len(runs) == len(innovations):
         scale = np.array([np.sqrt(np.mean((mix @ run) ** 2)) for run in runs])
     return Whitener(coefficients, mix, np.maximum(scale, 1e-6))
 
