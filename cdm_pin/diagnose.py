@@ -36,6 +36,7 @@ from .recording import Recording
 from .regions import region
 from .replay import Replay, simulated_position
 from .replay_runs import replay_runs
+from .resolved import differs_by_zeros
 from .search import Search, errors, rms
 from .settings import Settings
 from .settling import settled, tied
@@ -434,11 +435,16 @@ def _without_trifles(search: Search, effects: list[Candidate]) -> list[Candidate
 def _sized(explanation: Explanation, near: float = 15.0) -> Explanation:
     """Let a simpler law stand, if one is near and as likely, for a law of which no parameter is known.
 
-    Dry friction stands for what refines it unless that is evident.
+    Dry friction stands for what refines it unless that is evident, and for one that differs in its two directions by no
+    more than zeros that move may be off.
     """
     search = explanation.search
     if explanation.everywhere or not explanation.found:
         return explanation
+    for j, found in enumerate(explanation.found):
+        if differs_by_zeros(search, search.without(explanation.fit, j), found.candidate):
+            others = [f.candidate for f in explanation.found]
+            return _sized(explained(search, explanation.bank, [*others[:j], found.candidate.dry, *others[j + 1 :]]))
     for j in fi.unsized(explanation):
         found = explanation.found[j]
         without = search.without(explanation.fit, j)

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from .drifting import own_drifts
 from .effects import CATALOGUE, SWUNG, Candidate, Columns, Effect, coupled_alike, parallel, twin_places
 from .explanation import Explanation, Found
-from .fit import Fit
+from .fit import Fit, own_covariance
 from .geometry import Vector
 from .leaders import POSTURE
 from .likelihood import evidence, likeliest
@@ -239,6 +239,8 @@ HIDDEN = 0.3
 """Share that is left over of an effect of which it is said what takes the rest."""
 TRIFLE = 0.05
 """Share of a law's torque by which a more general law has to differ to be another one."""
+LARGE = 0.25
+"""Share of a law's torque below which the data must hold a more general law to, for it to be left out."""
 UNSEEN = 4.0
 """Whitened sum of squares of a difference that no data show."""
 LEAST = 0.002
@@ -417,7 +419,20 @@ def is_plainer(search: Search, without: Fit, own: Candidate, rival: Candidate) -
     left = without.rest(beyond)
     seen = np.linalg.svd(left - _spanned(without.rest(ours), left), compute_uv=False).min(initial=1.0)
     most = np.sqrt(max(scores[1].statistic - scores[0].statistic, 0.0)) + 2.0
-    return bool(most < TRIFLE * size * seen)
+    return bool(most < TRIFLE * size * seen) and not _may_be_large(search, without, own, rival)
+
+
+def _may_be_large(search: Search, without: Fit, own: Candidate, rival: Candidate) -> bool:
+    """Whether what a rival has beyond its special case may be a large share of its torque, unseen in slow noise.
+
+    As is a constant by which friction differs in its two directions, where zeros walk.
+    """
+    fit = search.fit([*without.effects, rival], without.whitener)
+    ours, theirs = (np.concatenate([x.reshape(len(x), -1) for x in search.columns(c)], axis=1) for c in (own, rival))
+    beyond = theirs - _spanned(ours, theirs)
+    beta, spread = fit.beta[-1], beyond.T @ own_covariance(fit, len(fit.effects) - 1)
+    most = np.abs(beta @ beyond) + 2.0 * np.sqrt(np.maximum(np.sum(spread.T * beyond, axis=0), 0.0))
+    return bool(np.linalg.norm(most) > LARGE * np.linalg.norm(beta @ theirs))
 
 
 def _spanned(rows: Vector, others: Vector) -> Vector:

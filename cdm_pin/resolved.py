@@ -9,6 +9,7 @@ import numpy as np
 from .completed import effect_candidates
 from .doubts import COMPLIANT, PUNCTUAL
 from .drift import SAMPLED
+from .drifting import with_drift
 from .effects import Candidate, greatest_load, sign_width
 from .fit import Fit
 from .geometry import Vector
@@ -58,7 +59,7 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
         return False
     if candidate.effect.name in COMPLIANT and _is_no_cable(search, candidate, beta):
         return False
-    if candidate.effect.name == "torque_offset" and np.all(peak <= _drifted(search, fit)):
+    if candidate.effect.name == "torque_offset" and np.all(peak <= unsure_zeros(search, fit)):
         return False
     own, visible = rms(search, torque), 1.0
     if own[m:].any():
@@ -103,19 +104,38 @@ def _is_pushed(search: Search, torque: Sequence[Vector], fit: Fit) -> bool:
     return bool(np.sum(power) < -0.5 * np.sum(np.abs(power)))
 
 
+def unsure_zeros(search: Search, fit: Fit) -> Vector:
+    """Say by how much the torques' zeros may be off in a fit, shape (n_motors,) [N m].
+
+    It is what they drift by; where they walk, the recordings need not show how far.
+    """
+    drifted = _drifted(search, fit)
+    if walking_noise(search, fit) is None:
+        return drifted
+    return np.maximum(drifted, SAMPLED * search.problem.sensors.sampled)
+
+
+def differs_by_zeros(search: Search, fit: Fit, law: Candidate) -> bool:
+    """Whether friction beside a fit differs in its two directions by no more than zeros that move may be off."""
+    if law.effect.name != "asymmetric_friction":
+        return False
+    constant, m = search.score(fit, law).beta[1], search.problem.model.n_motors
+    torque = [np.abs(constant * columns[1]).max(axis=1) for columns in search.columns(law)]
+    if np.any(np.max(torque, axis=0)[:m] > SAMPLED * search.problem.sensors.sampled):
+        return False
+    return walking_noise(search, fit) is not None or with_drift(search, fit.effects).drift is not None
+
+
 def _drifted(search: Search, fit: Fit) -> Vector:
     """Say by how much the torques' zeros drift in a fit, rms, shape (n_motors,) [N m].
 
-    Where most were seen to, the others' drift no less than the least of them: their sensors are of a kind. Where they
-    walk, the recording need not show how far.
+    Where most were seen to, the others' drift no less than the least of them: their sensors are of a kind.
     """
     first = search.n_bodies
     drifts = [np.tensordot(fit.base[first:], rigid[first:], 1) for rigid in search.rigid]
     size = rms(search, drifts)[: search.problem.model.n_motors]
     seen = size[size > 0.0]
-    size = np.maximum(size, seen.min()) if 2 * len(seen) > len(size) else size
-    walks = walking_noise(search, fit) is not None
-    return np.maximum(size, SAMPLED * search.problem.sensors.sampled) if walks else size
+    return np.maximum(size, seen.min()) if 2 * len(seen) > len(size) else size
 
 
 def _is_no_cable(search: Search, cable: Candidate, beta: Vector) -> bool:

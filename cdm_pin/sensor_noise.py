@@ -18,6 +18,8 @@ from .model import CableModel
 from .signals import Signals
 from .signals_filters import differentiate, lowpass, noise_floor, stretches
 
+BEYOND = 4.0
+"""How many times the band's frequencies are too quick for what the motion brings, but for moments."""
 SMOOTH = 1.0
 """Frequency up to which positions are taken to round them once more [Hz]: beyond it they hold the first rounding."""
 
@@ -57,12 +59,13 @@ class SensorNoise:
 
     @cached_property
     def sampled(self) -> Vector:
-        """Of the samples of torque as logged, what most of them have above the band, shape (n_motors,) [N m]."""
+        """Of single samples of torque, what most of them have far above the band, shape (n_motors,) [N m]."""
         parts = [np.zeros((1, self.model.n_motors))]
         for signals in self.signals:
             tau = measured_torques(self.model, signals.logged)
             if len(tau) >= 64:
-                parts.append((tau - lowpass(tau, signals.rate, self.band.cutoff))[signals.valid])
+                quick = tau - lowpass(tau, signals.rate, min(BEYOND * self.band.cutoff, 0.25 * signals.rate))
+                parts.append(quick[signals.valid])
         return 1.4826 * np.median(np.abs(np.concatenate(parts)), axis=0)
 
     @cached_property

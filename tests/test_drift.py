@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.diagnose import diagnose
-from cdm_pin.drift import Drift, drift_columns, drifting_channels, slow_shapes, without_drift
+from cdm_pin.drift import Drift, drift_columns, drifting_channels, faint, slow_shapes, without_drift
 from cdm_pin.drifting import own_drifts, still, with_drift
 from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.effects import CATALOGUE, Candidate
@@ -22,6 +22,7 @@ from cdm_pin.recording import Recording
 from cdm_pin.resolved import _drifted
 from cdm_pin.search import Search
 from cdm_pin.settings import Settings
+from cdm_pin.walking import slowness, walking_noise
 from cdm_pin.wording import candidate, clause
 
 ARM = Path(__file__).resolve().parent.parent / "urdf" / "cdm2.yaml"
@@ -29,8 +30,8 @@ W = np.array([1.1, 1.7])
 T = np.arange(0, 60, 0.005)
 
 
-def recording(seed, drift=0.0, coulomb=0.0, correlation=0.7, push=0.0, quick=0.0, at=(20.0,)):
-    """One minute of the paper's arm: autoregressive noise of 0.02 N m, slow wave; joint 2 rubs and is pushed."""
+def recording(seed, drift=0.0, coulomb=0.0, correlation=0.7, push=0.0, quick=0.0, at=(20.0,), walk=0.0):
+    """One minute of the paper's arm: autoregressive noise of 0.02 N m, slow waves, a walk; joint 2 rubs, is pushed."""
     model, rng = load_model(ARM), np.random.default_rng(seed)
     phase = rng.uniform(0, 6, (3, 2))
     angles = [k * W * T[:, None] + p for k, p in zip((1, 2.3), phase, strict=False)]
@@ -44,6 +45,7 @@ def recording(seed, drift=0.0, coulomb=0.0, correlation=0.7, push=0.0, quick=0.0
     noise = lfilter([1.0], [1.0, -correlation], white, axis=0)
     slow = drift * np.sin(2 * np.pi * 0.019 * T[:, None] + phase[2])
     slow += quick * np.sin(2 * np.pi * 0.043 * T[:, None] - phase[2])
+    slow += walk * np.cumsum(rng.standard_normal(q.shape), axis=0) / np.sqrt(len(T)) if walk else 0.0
     torque = model.motor_torque(tau) + noise + slow
     return Recording(T, {"joint_position": q, "motor_torque": torque}, label=f"made{seed}")
 
@@ -84,6 +86,37 @@ def test_a_drift_is_as_quick_as_the_data_show():
     assert [seen(noise + slow + quick, k) for k in (0, 1, 2)] == [True, True, False]
 
 
+@pytest.mark.parametrize("seed", [50, 52, 54])
+def test_zeros_that_walk_are_nothing_that_is_missing(seed):
+    """A walk as large as the noise of single samples is neither a wander nor something that changes with time."""
+    runs = [recording(s, walk=0.04, correlation=0.0) for s in (seed, seed + 1)]
+    assert diagnose(load_model(ARM), runs[:1], runs[1:]).content["verdict"] == "consistent"
+
+
+def test_noise_that_walks_has_a_unit_root_and_other_noise_has_none():
+    """A filter with a unit root gives a constant no weight; white and autoregressive noise get none."""
+    walks = search_of(recording(60, walk=0.08))
+    noise = walking_noise(walks, walks.fit([]))
+    assert noise is not None
+    assert noise.coefficients.sum(axis=1)[:2] == pytest.approx(1.0)
+    for correlation in (0.0, 0.7, 0.95):
+        steady = search_of(recording(61, correlation=correlation))
+        assert walking_noise(steady, steady.fit([])) is None
+
+
+def test_slowness_is_one_for_white_noise_and_large_for_a_walk():
+    rng = np.random.default_rng(0)
+    white = rng.standard_normal((2, 4000))
+    both = [np.stack([white[0], np.cumsum(white[1])])]
+    flat, slow = slowness(both, [[(0, 1900), (2000, 4000)]])
+    assert flat == pytest.approx(1.0, abs=0.3)
+    assert slow > 100.0
+
+
+def test_a_drift_may_be_large_beside_the_band_but_not_beside_single_samples():
+    assert faint(np.array([1.0, 1.0]), np.array([0.0, 4.0])) == pytest.approx([36.0, 144.0])
+
+
 def test_drift_columns_belong_to_one_channel_and_one_run():
     first, second = drift_columns([400, 300], 10.0, 3, [0, 2], 1.5)
     shapes = [len(slow_shapes(n, 10.0, 1.5)) for n in (400, 300)]
@@ -113,6 +146,14 @@ def test_small_friction_is_found_beside_a_drift(coulomb):
     assert len(named) == 1
     assert "friction" in named[0][0]
     assert named[0][1] == 2
+
+
+def test_where_zeros_walk_friction_may_differ_in_its_two_directions():
+    """The constant by which it would is not told from the walk, so it is named beside dry friction."""
+    runs = [recording(seed, walk=0.05, coulomb=0.06, correlation=0.0) for seed in (70, 71)]
+    (finding,) = diagnose(load_model(ARM), runs[:1], runs[1:]).content["findings"]
+    names = {finding["effect"], *(other["effect"] for other in finding["indistinguishable_from"])}
+    assert {"coulomb_friction", "asymmetric_friction"} <= names
 
 
 def test_a_push_is_no_quick_drift():
