@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from .bank import Bank
-from .effects import Candidate
+from .candidates import Candidate
 from .fit import Fit
 from .leaders import leading
 from .leftover import clear_noise

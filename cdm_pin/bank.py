@@ -10,10 +10,12 @@ from functools import cached_property
 
 import numpy as np
 
-from .effects import CATALOGUE, RATIOS, Candidate
+from .candidates import Candidate
+from .effects import CATALOGUE
 from .fit import Body, Fit
 from .geometry import Vector
 from .patches import PATCHES
+from .places import RATIOS
 from .problem import Problem
 from .scores import Score, score_single, score_wide, single
 from .whitening import Lines, Segments, Whitener

@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from .effects import CATALOGUE, Candidate, Effect, Place, all_motor_places, loaded, rub_places, torque_of
+from .candidates import Candidate, loaded, torque_of
+from .effect import Effect, Place
+from .effects import CATALOGUE
 from .errors import ManipulatorError, nearest
 from .geometry import Vector
 from .model import CableModel
 from .motion import Motion
+from .places import all_motor_places, rub_places
 
 
 def effect_candidates(model: CableModel) -> list[tuple[Candidate, Vector]]:

@@ -14,14 +14,15 @@ from . import findings as fi
 from .asked import asked_but_for_laws, drowned, next_law
 from .bank import Bank, all_candidates
 from .base import base_parameters, massive_columns
+from .candidates import Candidate
 from .consistency import nearest_standard
 from .drifting import drifts_like, is_swamped, still, still_errors, with_drift
-from .effects import STOPS, Candidate
 from .events import ProgressCallback
 from .everywhere import agreements, confirmed
 from .explain import explain
 from .explanation import Explanation, Found, explained
 from .fit import Fit
+from .friction_effects import STOPS
 from .geometry import Manipulator, Vector, frozen_array
 from .leftover import left_over
 from .likelihood import REFINING, evidence, likeliest, likelihood
@@ -711,7 +712,7 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
                 place = unexplained["location"]
                 stated = {j: v for j, v in stated.items() if explanation.found[j].candidate.location != place}
     if unexplained is None and not stated:
-        unexplained = swinging_torque(search) or bursting_torque(search, judge, fit)
+        unexplained = swinging_torque(search, fit) or bursting_torque(search, judge, fit)
     for j, values in stated.items():
         stated[j] = fi.with_law_errors(search, fit, j, covariance, where[j], values)
     lasting = [j for j in stated if fit.effects[j].effect.name not in ONCE]

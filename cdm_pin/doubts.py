@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from .bank import all_candidates
+from .candidates import Candidate
 from .completed import effect_candidates
 from .drift import LONG, QUICKER
 from .drifting import slow_waves
 from .dynamics import inverse_dynamics
-from .effects import Candidate, Columns
+from .effect import Columns
 from .fit import Fit
 from .geometry import Vector
 from .masses import hidden

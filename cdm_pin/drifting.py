@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .candidates import Candidate
 from .drift import LONG, QUICKER, Drift, drift_columns, drifting_channels, faint, slow_shapes, without_drift
-from .effects import Candidate
 from .fit import Fit
 from .geometry import Vector
 from .leftover import plain_rest, smooth_columns

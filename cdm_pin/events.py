@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from .effects import Candidate
+from .candidates import Candidate
 from .fit import Fit
 from .geometry import Vector
 from .search import Search, errors, rms

@@ -14,7 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .bank import Bank
-from .effects import CATALOGUE, Candidate, Place, axis_places, joint_places, parallel
+from .candidates import Candidate
+from .effect import Place
+from .effects import CATALOGUE
 from .events import Reporter
 from .explanation import Explanation, Found
 from .fit import Fit
@@ -22,6 +24,7 @@ from .leaders import best_of, leading
 from .leftover import clear_noise
 from .masses import about
 from .model import CableModel
+from .places import axis_places, joint_places, parallel
 from .scores import family_wise
 from .search import Search
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from .asked import unnamed
 from .bank import all_candidates
-from .effects import Candidate
+from .candidates import Candidate
 from .events import ProgressCallback, Reporter
 from .everywhere import everything, rubs_everywhere
 from .explanation import Explanation, explained

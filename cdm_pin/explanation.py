@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .bank import Bank
-from .effects import Candidate
+from .candidates import Candidate
 from .fit import Fit, own_covariance
 from .leaders import hides_in_masses, leading, same_width
 from .likelihood import confined, freed, gain, likeliest

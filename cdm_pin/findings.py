@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
+from .candidates import SWUNG, Candidate, coupled_alike
 from .drifting import own_drifts
-from .effects import CATALOGUE, SWUNG, Candidate, Columns, Effect, coupled_alike, parallel, twin_places
+from .effect import Columns, Effect
+from .effects import CATALOGUE
 from .explanation import Explanation, Found
 from .fit import Fit, own_covariance
 from .geometry import Vector
@@ -20,6 +22,7 @@ from .likelihood import evidence, likeliest
 from .model import CableModel
 from .motion import Motion
 from .patches import MISREAD
+from .places import parallel, twin_places
 from .search import Search
 from .shapes import refine, shape_slopes
 from .units import unit_at

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .effects import Candidate
+from .candidates import Candidate
 from .geometry import Vector
 from .problem import Problem
 from .whitening import Whitener

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from .candidates import Candidate
 from .diagnose import Diagnosis
 from .doubts import COMPLIANT
-from .effects import Candidate, remembered
 from .explanation import Explanation, Found
 from .fit import Fit
+from .friction_effects import remembered
 from .geometry import Vector
 from .replay import Replay
 from .report_evidence import Evidence, LawCurve, Rival, RunEvidence, SimulatedMotion

@@ -8,7 +8,8 @@ import numpy as np
 
 from .asked import asked, drowned, shouted
 from .bank import Bank
-from .effects import CATALOGUE, DRAGS, Candidate, at_known_place, twin_places
+from .candidates import Candidate, at_known_place
+from .effects import CATALOGUE, DRAGS
 from .events import Reporter
 from .fit import Fit
 from .leaders import best_of, leading, same_width
@@ -16,6 +17,7 @@ from .leftover import clear_noise
 from .likelihood import gain
 from .masses import about
 from .model import CableModel
+from .places import twin_places
 from .polishing import is_provisional, polish
 from .search import Search
 from .settling import in_turn

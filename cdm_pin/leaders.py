@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from .bank import Bank
-from .effects import Candidate, at_known_place
+from .candidates import Candidate, at_known_place
 from .fit import Fit
 from .geometry import Vector
 from .likelihood import gain

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .bank import all_candidates
-from .effects import Candidate
+from .candidates import Candidate
 from .fit import Fit
 from .geometry import Vector
 from .patches import TONE

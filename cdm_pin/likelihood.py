@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from .effects import SHARING, Candidate
+from .candidates import Candidate
+from .effects import SHARING
 from .fit import Fit
 from .geometry import Vector
 from .scores import Score

@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 from scipy.stats import norm
 
-from .effects import Candidate
+from .candidates import Candidate
 from .explanation import Explanation
 from .geometry import Vector
 from .motion import Motion

@@ -17,7 +17,9 @@ from .accelerations import Acceleration, candidates, choose_accelerations, said,
 from .band import Band, make_band
 from .cables import cable_state
 from .completed import added_torque
-from .effects import CATALOGUE, Columns, speed_scale
+from .effect import Columns
+from .effect_shapes import speed_scale
+from .effects import CATALOGUE
 from .errors import RecordingError
 from .geometry import Vector
 from .measured import both_positions, measured_torques

@@ -11,20 +11,12 @@ from collections.abc import Callable, Sequence
 import numba
 import numpy as np
 
-from .effects import (
-    Columns,
-    Effect,
-    Place,
-    Shape,
-    all_motor_places,
-    axis_places,
-    joint_places,
-    sign_width,
-    speed_scale,
-)
+from .effect import Columns, Effect, Place, Shape
+from .effect_shapes import sign_width, speed_scale
 from .geometry import Vector
 from .model import CableModel
 from .motion import Motion
+from .places import all_motor_places, axis_places, joint_places
 
 
 def bumps(x: Vector, count: int, low: float, high: float) -> Vector:

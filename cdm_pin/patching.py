@@ -6,7 +6,7 @@ import numpy as np
 
 from .asked import unnamed
 from .bank import Bank
-from .effects import Candidate
+from .candidates import Candidate
 from .explanation import Explanation, explained
 from .fit import Fit
 from .leaders import STRONG, best_of, leading

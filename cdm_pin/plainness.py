@@ -7,11 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from .candidates import Candidate
 from .doubts import COMPLIANT
 from .drifting import still
-from .effects import CATALOGUE, Candidate, extremes
+from .effects import CATALOGUE
 from .explanation import Explanation, estimated, explained, unsound, with_effects
 from .fit import Fit, own_covariance
+from .friction_effects import extremes
 from .leaders import UNLIKELIER
 from .likelihood import REFINING, evidence, gain, has_ratio, likeliest
 from .search import Search, errors, rms

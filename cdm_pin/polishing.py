@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .bank import Bank
-from .effects import Candidate
+from .candidates import Candidate
 from .leaders import best_of, leading, same_width
 from .leftover import clear_noise
 from .likelihood import gain

@@ -9,8 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from .band import Band, light, make_band
+from .candidates import Candidate, loaded, passed, torque_of
 from .completed import added
-from .effects import Candidate, Columns, loaded, passed, torque_of
+from .effect import Columns
 from .geometry import Vector
 from .inertia_band import LOWEST, SLOWEST, inertia_cutoff
 from .measured import both_positions, measured_torques

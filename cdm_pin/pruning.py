@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .effects import Candidate
+from .candidates import Candidate
 from .explanation import Explanation, explained, with_effects
 from .fit import Fit, own_covariance
 from .likelihood import has_ratio, likelihood

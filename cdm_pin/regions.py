@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from .effects import Candidate
+from .candidates import Candidate
 from .fit import Fit
 from .geometry import Vector
 from .motion import Motion

@@ -17,12 +17,13 @@ from typing import Any
 import numba
 import numpy as np
 
+from .candidates import Candidate, loaded, torque_of
 from .completed import effect_candidates
-from .effects import Candidate, delayed, loaded, torque_of
 from .errors import ShapeError
 from .geometry import Vector
 from .model import CableModel
 from .motion import Motion
+from .sensor_effects import delayed
 from .stepping import Laws, advance
 
 MOST = 60  # windows that are run

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .candidates import Candidate
 from .completed import effect_candidates
 from .doubts import COMPLIANT, PUNCTUAL
 from .drift import SAMPLED
 from .drifting import with_drift
-from .effects import Candidate, greatest_load, sign_width
+from .effect_shapes import greatest_load, sign_width
 from .fit import Fit
 from .geometry import Vector
 from .patches import MISREAD, RUBS

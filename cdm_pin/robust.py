@@ -8,8 +8,8 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2
 
+from .candidates import Candidate
 from .doubts import instants, lags, offsets, quicker_drifts, sides, unsure_stretches
-from .effects import Candidate
 from .fit import Fit
 from .geometry import Vector
 from .problem import Problem

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .effects import Candidate
+from .candidates import Candidate
 from .geometry import Vector
 from .whitening import log_p
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from .bank import Bank, WhiteBank, all_candidates, make_bank, whitened
 from .base import BaseParameters, updated_model
+from .candidates import Candidate, Identity
 from .drift import Drift
-from .effects import Candidate, Columns, Identity
+from .effect import Columns
 from .fit import Body, Fit, fitted, least_squares
 from .geometry import Vector
 from .model import CableModel

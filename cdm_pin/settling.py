@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .effects import Candidate
+from .candidates import Candidate
 from .fit import Fit
 from .masses import about
 from .search import Search

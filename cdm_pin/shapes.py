@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from .effects import GIVES, Candidate
+from .candidates import Candidate
 from .fit import Fit, least_squares
+from .friction_effects import GIVES
 from .geometry import Vector
 from .scores import Score
 from .search import Search

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from .candidates import Candidate
 from .doubts import errors_of_laws
 from .drifting import still_errors
-from .effects import Candidate
 from .fit import Fit
 from .geometry import Vector
 from .resolved import is_resolved, outdoes_in_means

@@ -23,11 +23,11 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from .dynamics import mass_matrix, motor_torques
-from .effects import is_whole_cable
 from .errors import InputError, RecordingError
 from .files import check_keys, read_yaml
 from .geometry import Vector
 from .model import CableModel
+from .places import is_whole_cable
 from .plant.faults import Fault
 from .plant.mjcf import Strands
 from .plant.mujoco_plant import MujocoPlant

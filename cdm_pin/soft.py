@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from .effects import CATALOGUE, Candidate
+from .candidates import Candidate
+from .effects import CATALOGUE
 from .fit import Fit
 from .geometry import Vector
 from .motion import Motion

@@ -11,9 +11,11 @@ import numpy as np
 
 from .accelerations import Acceleration
 from .base import BaseParameters, present_columns
-from .effects import CATALOGUE, Effect, Place, all_motor_places, joint_places
+from .effect import Effect, Place
+from .effects import CATALOGUE
 from .errors import InputError, nearest
 from .model import CableModel
+from .places import all_motor_places, joint_places
 
 BASELINE = ("viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
 LINEAR = (*BASELINE, "quadratic_drag", "joint_spring", "cable_friction", "torque_ripple")

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from .asked import unnamed
+from .candidates import Candidate
 from .drift import SAMPLED
 from .drifting import still_errors
-from .effects import Candidate, Place, axis_places
+from .effect import Place
 from .explanation import Explanation, Found
 from .fit import Fit
 from .geometry import Vector
@@ -19,6 +20,8 @@ from .leftover import clear_noise, follows_state, left_over, loosely_left_over
 from .measured import both_positions
 from .model import CableModel
 from .motion import Motion
+from .patches import TONE
+from .places import axis_places
 from .problem import Problem, Run
 from .regions import change_time
 from .search import Search, rms
@@ -26,10 +29,11 @@ from .signals_filters import differentiate, lowpass
 from .significance import is_loud
 from .spectra import tone_peaks, wandering
 from .unseen import deviance_unseen
+from .whitening import Segments
 
 WANDERING = 300.0
 """Slow power over quick power that no noise of a torque's measurement has; a drift that is no fault stays below 30."""
-TONE = 300.0
+LINE = 300.0
 """Power of a line in a torque's spectrum over the median around it that no noise has; noise alone reaches some 15."""
 ROUGH = 1.5
 """What is left over that beside smooth functions of the state, from which something is still to be explained."""
@@ -255,7 +259,7 @@ def wandering_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
 def moving_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     """Say where a torque moves by itself: that wanders slowly, or swings above the band, and leaks into it."""
     wanders = wandering_torque(search, fit)
-    return None if wanders is None else swinging_torque(search) or wanders
+    return None if wanders is None else swinging_torque(search, fit) or wanders
 
 
 def wandering_travel(search: Search, fit: Fit) -> dict[str, Any] | None:
@@ -385,27 +389,46 @@ def _quick(run: Run, cutoff: float) -> Motion:
     return replace(run.motion, a=a, a_m=a_m)
 
 
-def swinging_torque(search: Search) -> dict[str, Any] | None:
+def _lines(problem: Problem, run: Run, own: Segments, high: float) -> tuple[int, int, list[dict[float, float]]]:
+    """Give the longest stretch of a run, in samples, and the strongest line above the band of each torque in it."""
+    start, stop = (k * problem.band.step for k in max(own, key=lambda s: s[1] - s[0], default=(0, 0)))
+    if stop - start < 512:
+        return start, stop, []
+    y, low = run.data[: problem.model.n_motors, start:stop], 0.9 * problem.band.cutoff
+    return start, stop, [tone_peaks(x, problem.band.rate, low, high, 1, LINE) for x in y]
+
+
+def _beside_lines(search: Search, fit: Fit, lines: set[float]) -> Search:
+    """Give the search about the effects of a fit, with masses that owe nothing to lines above the band [Hz].
+
+    Such lines leak into it; where the arm moves with a disturbance, wrong masses explain it.
+    """
+    leaking = {f for f in lines if f < 0.5 * search.problem.band.reduced_rate}
+    distinct = [f for f in sorted(leaking) if not any(g < f < g + 0.02 for g in leaking)]
+    tones = [Candidate(TONE, place, (f,)) for f in distinct for place in TONE.places(search.problem.model)]
+    plain = search.fit([*fit.effects, *tones], search.plain)
+    own = list(zip(fit.effects, fit.beta, strict=True))
+    return search.at(plain.base[: len(search.base.columns)], own)
+
+
+def swinging_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     """Say where a torque swings at a frequency of its own above the band; None where it does not.
 
-    It is looked for in the torques at the full rate. The motion at that frequency must not explain it, and it has to be
-    alike in both halves of a recording.
+    It is looked for in the torques at the full rate. The motion at that frequency must not explain it, with masses that
+    owe nothing to it, and it has to be alike in both halves of a recording.
     """
-    problem, m = search.problem, search.problem.model.n_motors
-    if not problem.torque:
+    if not search.problem.torque:
         return None
-    rate = problem.band.rate
+    problem, rate, m = search.problem, search.problem.band.rate, search.problem.model.n_motors
     high = min(3.6 * problem.band.cutoff, HIGHEST, 0.4 * rate)
-    best, told = TONE, None
-    for run, own in zip(problem.runs, problem.segments, strict=True):
-        start, stop = max(own, key=lambda s: s[1] - s[0], default=(0, 0))
-        start, middle, stop = (k * problem.band.step for k in (start, (start + stop) // 2, stop))
-        if middle - start < 256:
-            continue
+    heard = [_lines(problem, run, own, high) for run, own in zip(problem.runs, problem.segments, strict=True)]
+    frequencies = {f for _, _, lines in heard for line in lines for f in line}
+    if not frequencies:
+        return None
+    problem = _beside_lines(search, fit, frequencies).problem
+    best, told = LINE, None
+    for run, (start, stop, lines) in zip(problem.runs, heard, strict=True):
         t, y = run.motion.time[start:stop], run.data[:m, start:stop]
-        lines = [tone_peaks(x, rate, 0.9 * problem.band.cutoff, high, 1, best) for x in y]
-        if not any(lines):
-            continue
         e = y - _quick(run, min(2.0 * high, 0.45 * rate)).logged_torque.T[:, start:stop]
         for found in lines:
             for frequency, height in found.items():

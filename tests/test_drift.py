@@ -9,11 +9,12 @@ import pytest
 from scipy.signal import lfilter
 
 from cdm_pin.base import base_parameters, massive_columns
+from cdm_pin.candidates import Candidate
 from cdm_pin.diagnose import diagnose
 from cdm_pin.drift import Drift, drift_columns, drifting_channels, faint, slow_shapes, without_drift
 from cdm_pin.drifting import own_drifts, still, with_drift
 from cdm_pin.dynamics import inverse_dynamics
-from cdm_pin.effects import CATALOGUE, Candidate
+from cdm_pin.effects import CATALOGUE
 from cdm_pin.gather import gather
 from cdm_pin.masses import about
 from cdm_pin.model import load_model

@@ -9,12 +9,16 @@ from arms import planar_content
 from scipy.linalg import null_space
 
 from cdm_pin.base import base_parameters
+from cdm_pin.cable_effects import _entry
+from cdm_pin.candidates import Candidate, loaded, torque_of
 from cdm_pin.completed import added_torque, effect_candidates, find_place
-from cdm_pin.effects import CATALOGUE, DRAGS, Candidate, _entry, creeping, dahl, delayed, loaded, maxwell, torque_of
+from cdm_pin.effects import CATALOGUE, DRAGS
 from cdm_pin.errors import ManipulatorError
+from cdm_pin.friction_effects import creeping, dahl, maxwell
 from cdm_pin.manipulator import parse_manipulator, with_effects
 from cdm_pin.model import build_model, load_model
 from cdm_pin.motion import Motion
+from cdm_pin.sensor_effects import delayed
 from cdm_pin.signals_filters import differentiate
 
 PARAMETERS = {

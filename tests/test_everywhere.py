@@ -12,10 +12,11 @@ from trials import search_of
 
 from cdm_pin.band import make_band
 from cdm_pin.bank import all_candidates
+from cdm_pin.candidates import Candidate
 from cdm_pin.completed import added_torque
 from cdm_pin.diagnose import _records
 from cdm_pin.dynamics import motor_torques
-from cdm_pin.effects import CATALOGUE, Candidate
+from cdm_pin.effects import CATALOGUE
 from cdm_pin.everywhere import confirmed, kinds_first, rubs_everywhere
 from cdm_pin.findings import parameters
 from cdm_pin.model import load_model

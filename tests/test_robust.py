@@ -11,26 +11,20 @@ from cdm_pin import asked, drifting, findings, plainness, pruning, resolved, sig
 from cdm_pin import diagnose as diagnosis
 from cdm_pin.bank import all_candidates
 from cdm_pin.base import base_parameters, massive_columns
+from cdm_pin.cable_effects import most_turns
+from cdm_pin.candidates import Candidate, at_known_place
 from cdm_pin.diagnose import diagnose
 from cdm_pin.doubts import instants, offsets, sides, stretches, unsure_stretches
 from cdm_pin.dynamics import inverse_dynamics
-from cdm_pin.effects import (
-    CATALOGUE,
-    Candidate,
-    _turns,
-    at_known_place,
-    dahl,
-    dragged,
-    guide_places,
-    joint_places,
-    pair_places,
-)
+from cdm_pin.effects import CATALOGUE
 from cdm_pin.explanation import Found, _nearly_brakes, unsound
 from cdm_pin.findings import absorbed, is_above_steps, is_known, is_plainer, sizes_in_errors, with_law_errors
+from cdm_pin.friction_effects import dahl, dragged
 from cdm_pin.likelihood import confined, likelihood_ratio
 from cdm_pin.masses import likely_masses
 from cdm_pin.model import load_model
 from cdm_pin.patches import PATCHES
+from cdm_pin.places import guide_places, joint_places, pair_places
 from cdm_pin.plainness import drives
 from cdm_pin.polishing import is_provisional
 from cdm_pin.problem import Problem, make_problem
@@ -921,7 +915,7 @@ def test_a_motor_may_turn_with_a_joint_as_much_as_with_any_of_its_own():
     model = load_model("urdf/cdm2.yaml")
     law = CATALOGUE["transmission_coupling"]
     motion = SimpleNamespace(model=SimpleNamespace(motor_from_joint=np.array([[20.0, 0.0], [20.0, -30.0]])))
-    assert [_turns([motion], place) for place in law.places(model)] == [{0: 20.0, 1: 30.0}[p.index[0]]
+    assert [most_turns([motion], place) for place in law.places(model)] == [{0: 20.0, 1: 30.0}[p.index[0]]
                                                                        for p in law.places(model)]  # fmt: skip
 
 

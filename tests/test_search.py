@@ -14,10 +14,11 @@ from trials import loaded_trial
 from cdm_pin.band import make_band
 from cdm_pin.bank import all_candidates
 from cdm_pin.base import base_parameters, massive_columns, updated_model
+from cdm_pin.candidates import Candidate
 from cdm_pin.diagnose import diagnose
 from cdm_pin.drifting import own_drifts
 from cdm_pin.dynamics import inverse_dynamics
-from cdm_pin.effects import CATALOGUE, Candidate, joint_places, pair_places
+from cdm_pin.effects import CATALOGUE
 from cdm_pin.explanation import explained
 from cdm_pin.findings import parameters, unseen_step, with_scatter
 from cdm_pin.leftover import left_over, tones
@@ -27,6 +28,7 @@ from cdm_pin.masses import about
 from cdm_pin.model import build_model, load_model
 from cdm_pin.next_experiment import plan_next
 from cdm_pin.patches import PATCHES
+from cdm_pin.places import joint_places, pair_places
 from cdm_pin.plainness import peakless
 from cdm_pin.plant.draw import draw
 from cdm_pin.problem import _thinned, make_problem

@@ -5,8 +5,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from trials import loaded_trial
 
+from cdm_pin.candidates import Candidate, loaded, passed
 from cdm_pin.diagnose import _helps, diagnose
-from cdm_pin.effects import CATALOGUE, Candidate, loaded, passed
+from cdm_pin.effects import CATALOGUE
 from cdm_pin.leaders import POSTURE, leading
 from cdm_pin.motion import Felt, crossing, leaping
 from cdm_pin.problem import make_problem
