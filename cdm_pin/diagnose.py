@@ -16,7 +16,7 @@ from .bank import Bank, all_candidates
 from .base import base_parameters, massive_columns
 from .candidates import Candidate
 from .consistency import nearest_standard
-from .drifting import drifts_like, is_swamped, still, still_errors, with_drift
+from .drifting import drifts_like, is_swamped, shorter_drift, still, still_errors, with_drift
 from .events import ProgressCallback
 from .everywhere import agreements, confirmed
 from .explain import explain
@@ -198,9 +198,12 @@ def _beside_drifts(search: Search, progress: ProgressCallback | None) -> Explana
     If pushes were found, it is done anew beside the drift that is left then, as they may have hid or made one, and
     beside none, as a few more pushes may still look like one; what finds no push there says nothing of that.
     """
-    first = explain(_drifting(search), progress)
-    if is_swamped(first.search, first.fit):
-        return explain(search, progress)
+    drifting = _drifting(search)
+    first = explain(drifting, progress)
+    if is_swamped(first.search, first.fit):  # by a constant, which waves that are slow enough take up
+        first = explain(shorter_drift(drifting), progress)
+        if is_swamped(first.search, first.fit):
+            return explain(search, progress)
 
     def pushed(explanation: Explanation) -> bool:
         return any(f.candidate.effect.name == "external_torque" for f in explanation.found)

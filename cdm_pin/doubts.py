@@ -7,7 +7,7 @@ import numpy as np
 from .bank import all_candidates
 from .candidates import Candidate
 from .completed import effect_candidates
-from .drift import LONG, QUICKER
+from .drift import QUICKER
 from .drifting import slow_waves
 from .dynamics import inverse_dynamics
 from .effect import Columns
@@ -203,7 +203,7 @@ def quicker_drifts(search: Search, fit: Fit) -> Vector:
     """
     if search.drift is None:
         return np.zeros((0, fit.n_rows))
-    waves = slow_waves(search, search.drift.channels, LONG, search.drift.quicker + QUICKER)
+    waves = slow_waves(search, search.drift.channels, search.drift.stretch, search.drift.quicker + QUICKER)
     left = fit.rest(search.white(fit.whitener, waves))
     values, vectors = np.linalg.eigh(left @ left.T)
     seen = values > 1e-9 * np.max(values, initial=0.0)

@@ -19,6 +19,8 @@ ALARM = 1e-3
 """Probability of seeing a wander in noise that has none."""
 LONG = 1.5
 """Longest period over the duration: a zero that moves so slowly leaves a constant behind that tells nothing."""
+SHORT = 0.99
+"""The same where constants are to be left alone."""
 LOUD = 6.0
 """What is so many times the rest of the noise in the band is no drift of a sensor: a fault."""
 SAMPLED = 3.0
@@ -39,11 +41,14 @@ class Drift:
         Motors whose zeros were seen to move.
     quicker : int
         By how many waves more than usual (`slow_shapes`) the zeros were seen to move.
+    stretch : float
+        Longest period over the duration.
     """
 
     columns: list[Vector]
     channels: tuple[int, ...]
     quicker: int = 0
+    stretch: float = LONG
 
 
 def slow_shapes(n: int, rate: float, stretch: float, quicker: int = 0) -> Vector:
@@ -56,7 +61,7 @@ def slow_shapes(n: int, rate: float, stretch: float, quicker: int = 0) -> Vector
     rate : float
         [Hz].
     stretch : float
-        Longest period over the duration.
+        Longest period over the duration; of less than one all shapes have a mean of zero.
     quicker : int
         How many harmonics more.
     """
@@ -64,7 +69,9 @@ def slow_shapes(n: int, rate: float, stretch: float, quicker: int = 0) -> Vector
     period = stretch * max(t[-1], 40.0)
     count = int(np.clip(round(period / 30.0), 2, 8)) + quicker
     phase = 2 * np.pi * t / period
-    return np.stack([t / max(t[-1], 1e-9), *(f(k * phase) for k in range(1, count + 1) for f in (np.sin, np.cos))])
+    waves = [f(k * phase) for k in range(1, count + 1) for f in (np.sin, np.cos)]
+    shapes = np.stack([t / max(t[-1], 1e-9), *waves])
+    return shapes - shapes.mean(axis=1, keepdims=True) if stretch < 1.0 else shapes
 
 
 def drift_columns(

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from .candidates import Candidate
-from .drift import LONG, QUICKER, Drift, drift_columns, drifting_channels, faint, slow_shapes, without_drift
+from .drift import LONG, QUICKER, SHORT, Drift, drift_columns, drifting_channels, faint, slow_shapes, without_drift
 from .fit import Fit
 from .geometry import Vector
 from .leftover import plain_rest, smooth_columns
@@ -65,7 +66,15 @@ def own_drifts(search: Search) -> list[Vector]:
     channels = range(search.problem.model.n_motors * search.problem.torque)
     if search.drift is None:
         return slow_waves(search, channels, 1.0)
-    return slow_waves(search, channels, LONG, search.drift.quicker)
+    return slow_waves(search, channels, search.drift.stretch, search.drift.quicker)
+
+
+def shorter_drift(search: Search) -> Search:
+    """Give a search with drifts that are no slower than the recordings are long: these leave constants alone."""
+    drift = search.drift
+    assert drift is not None
+    columns = slow_waves(search, drift.channels, SHORT, drift.quicker)
+    return search.drifting(replace(drift, columns=columns, stretch=SHORT))
 
 
 def slow_waves(search: Search, channels: Sequence[int], stretch: float, quicker: int = 0) -> list[Vector]:
@@ -82,7 +91,7 @@ def still(search: Search, errors: Sequence[Vector]) -> list[Vector]:
     rate, m = search.problem.band.reduced_rate, search.problem.model.n_motors
     out = []
     for e, run in zip(errors, search.problem.segments, strict=True):
-        shapes = slow_shapes(e.shape[1], rate, LONG, search.drift.quicker)
+        shapes = slow_shapes(e.shape[1], rate, search.drift.stretch, search.drift.quicker)
         out.append(np.concatenate([without_drift(e[:m], run, shapes), e[m:]]))
     return out
 

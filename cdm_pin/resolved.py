@@ -60,7 +60,7 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
         return False
     if candidate.effect.name in COMPLIANT and _is_no_cable(search, candidate, beta):
         return False
-    if candidate.effect.name == "torque_offset" and np.all(peak <= unsure_zeros(search, fit)):
+    if candidate.effect.name == "torque_offset" and np.all(peak <= unsure_zeros(search, fit, candidate)):
         return False
     own, visible = rms(search, torque), 1.0
     if own[m:].any():
@@ -105,12 +105,13 @@ def _is_pushed(search: Search, torque: Sequence[Vector], fit: Fit) -> bool:
     return bool(np.sum(power) < -0.5 * np.sum(np.abs(power)))
 
 
-def unsure_zeros(search: Search, fit: Fit) -> Vector:
+def unsure_zeros(search: Search, fit: Fit, offset: Candidate) -> Vector:
     """Say by how much the torques' zeros may be off in a fit, shape (n_motors,) [N m].
 
-    It is what they drift by; where they walk, the recordings need not show how far.
+    It is what they drift by beside a constant offset, which the slowest waves would take up; where they walk, the
+    recordings need not show how far.
     """
-    drifted = _drifted(search, fit)
+    drifted = _drifted(search, search.fit([*fit.effects, offset], fit.whitener))
     if walking_noise(search, fit) is None:
         return drifted
     return np.maximum(drifted, SAMPLED * search.problem.sensors.sampled)

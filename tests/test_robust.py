@@ -636,6 +636,17 @@ def test_what_swings_above_the_band_is_no_wander(monkeypatch):
     assert unexplained.moving_torque(None, None) is None
 
 
+def test_masses_do_not_hide_a_swing_above_the_band(tmp_path):
+    """A torque swings at 4.9 Hz and moves its joint, above the motion's frequencies, and what else was tried is gone."""
+    settings = {"out_of_catalogue": True, "at_least": 50.0, "bits": 14}
+    model, runs, unseen, truth = loaded_trial(tmp_path, 266510283360675, **settings)
+    assert truth["effects"][0]["effect"] == "sinusoid_in_time"
+    content = diagnose(model, runs, unseen).content
+    assert content["verdict"] == "unexplained" and not content["findings"]
+    assert content["unexplained"]["location"] == {"kind": "joint", "index": 3}
+    assert "swings with time at 4.86 Hz" in content["unexplained"]["region"]
+
+
 def test_a_narrow_peak_of_static_friction_is_hardly_known():
     """Where the sign of the velocity is as smooth as the peak is wide, the peak may be any size."""
     place = joint_places(load_model("urdf/cdm2.yaml"))[0]
