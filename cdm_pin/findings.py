@@ -565,11 +565,14 @@ def absorbed(search: Search, explanation: Explanation, least: float = 0.02) -> l
 def outweighs(model: CableModel, found: Found, motor: int, excess: float, least: float = 10.0) -> bool:
     """Whether a finding stands on its own beside an error of one motor that nothing describes.
 
-    It does elsewhere; there its statistic has to be many times what is left, the whitened sum of squares `excess`.
+    It does elsewhere; there its statistic has to be many times what is left, the whitened sum of squares `excess`, and
+    no correction without a name be likelier in its place.
     """
     place = found.candidate.place
-    elsewhere = len(place.A + place.B) > 0 and abs(place.weights(model)[motor - 1]) < 1e-9
-    return elsewhere or found.score.statistic > least * excess
+    if len(place.A + place.B) > 0 and abs(place.weights(model)[motor - 1]) < 1e-9:
+        return True
+    nameless = max((difference for c, difference in found.rivals if not c.named), default=-np.inf)
+    return found.score.statistic > least * excess and nameless <= 0.0
 
 
 def is_sure(model: CableModel, found: Found, patches: Sequence[Found]) -> bool:
