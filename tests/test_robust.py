@@ -637,7 +637,7 @@ def test_what_swings_above_the_band_is_no_wander(monkeypatch):
 
 
 def test_masses_do_not_hide_a_swing_above_the_band(tmp_path):
-    """A torque swings at 4.9 Hz, above the frequencies of the motion, and moves its joint; what else was tried is gone."""
+    """A torque swings at 4.9 Hz, above the frequencies of the motion, and moves its joint."""
     settings = {"out_of_catalogue": True, "at_least": 50.0, "bits": 14}
     model, runs, unseen, _ = loaded_trial(tmp_path, 266510283360675, **settings)
     content = diagnose(model, runs, unseen).content
