@@ -184,7 +184,7 @@ def diagnose(
             there, again = _validated(seen, second)
             if again.found and not {f.candidate.effect.name for f in again.found} & {name for name, _ in named}:
                 judge, explanation = there, again
-    explanation = _sized(explanation if explanation.everywhere else still_standing(explanation))
+    explanation = _sized(explanation if explanation.everywhere else still_standing(explanation), judge)
     lost = [f for f in first.found if f.candidate not in explanation.fit.effects and is_loud(f.score)]
     rough = explanation.fit.deviance > 2.0 * explanation.fit.n_rows  # bursts that no estimate of the noise has in it
     say("sensitivities", 0.95)
@@ -436,11 +436,11 @@ def _without_trifles(search: Search, effects: list[Candidate]) -> list[Candidate
     return effects
 
 
-def _sized(explanation: Explanation, near: float = 15.0) -> Explanation:
+def _sized(explanation: Explanation, judge: Search | None, near: float = 15.0) -> Explanation:
     """Let a simpler law stand, if one is near and as likely, for a law of which no parameter is known.
 
     Dry friction stands for what refines it unless that is evident, and for one that differs in its two directions by no
-    more than zeros that move may be off.
+    more than zeros that move may be off, unless the unseen recordings are for it.
     """
     search = explanation.search
     if explanation.everywhere or not explanation.found:
@@ -448,7 +448,9 @@ def _sized(explanation: Explanation, near: float = 15.0) -> Explanation:
     for j, found in enumerate(explanation.found):
         if differs_by_zeros(search, search.without(explanation.fit, j), found.candidate):
             others = [f.candidate for f in explanation.found]
-            return _sized(explained(search, explanation.bank, [*others[:j], found.candidate.dry, *others[j + 1 :]]))
+            simpler = explained(search, explanation.bank, [*others[:j], found.candidate.dry, *others[j + 1 :]])
+            if judge is None or not _is_for(judge, explanation.fit, simpler.fit):
+                return _sized(simpler, judge)
     for j in fi.unsized(explanation):
         found = explanation.found[j]
         without = search.without(explanation.fit, j)
@@ -465,8 +467,15 @@ def _sized(explanation: Explanation, near: float = 15.0) -> Explanation:
             others = [f.candidate for f in explanation.found]
             simpler = explained(search, explanation.bank, [*others[:j], rival, *others[j + 1 :]])
             if j not in fi.unsized(simpler):
-                return _sized(simpler)
+                return _sized(simpler, judge)
     return explanation
+
+
+def _is_for(judge: Search, fit: Fit, other: Fit, least: float = 20.0) -> bool:
+    """Whether the unseen recordings are clearly for one fit, and not for another."""
+    own, its = (deviance_unseen(judge, f) for f in (fit, other))
+    scale = max(min(own, its) / max(judge.body(fit.whitener).data.size, 1), 1.0)
+    return its - own > least * scale
 
 
 def _reconsidered(judge: Search, explanation: Explanation) -> Explanation:
