@@ -440,12 +440,14 @@ def _sized(explanation: Explanation, judge: Search | None, near: float = 15.0) -
     """Let a simpler law stand, if one is near and as likely, for a law of which no parameter is known.
 
     Dry friction stands for what refines it unless that is evident, and for one that differs in its two directions by no
-    more than zeros that move may be off, unless the unseen recordings are for it.
+    more than zeros that move may be off, unless the unseen recordings are for it or no law explains all: what is left
+    then looks like zeros that move.
     """
     search = explanation.search
     if explanation.everywhere or not explanation.found:
         return explanation
-    for j, found in enumerate(explanation.found):
+    lawful = all(found.candidate.named for found in explanation.found)
+    for j, found in enumerate(explanation.found if lawful else ()):
         if differs_by_zeros(search, search.without(explanation.fit, j), found.candidate):
             others = [f.candidate for f in explanation.found]
             simpler = explained(search, explanation.bank, [*others[:j], found.candidate.dry, *others[j + 1 :]])
