@@ -66,6 +66,8 @@ SOFT = ("cable_elasticity", "cable_slack", "pulley_eccentricity", "transmission_
 """Effects for which links that swing on a soft cable may be taken."""
 ROUGH = 1.15
 """Error over that beside smooth functions of the state, from which something is still to be explained."""
+DECIDED = 10.0
+"""Log-likelihood by which the unseen recordings decide between two laws."""
 ONCE = ("external_torque", "unnamed_time", "unnamed_wear", "unnamed_stiffening", "unnamed_gain_drift", "unnamed_tone")
 """What happens at a time of its own: another recording cannot judge it."""
 AGREEMENT = 0.3
@@ -449,8 +451,7 @@ def _sized(explanation: Explanation, judge: Search | None, near: float = 15.0) -
     lawful = all(found.candidate.named for found in explanation.found)
     for j, found in enumerate(explanation.found if lawful else ()):
         if differs_by_zeros(search, search.without(explanation.fit, j), found.candidate):
-            others = [f.candidate for f in explanation.found]
-            simpler = explained(search, explanation.bank, [*others[:j], found.candidate.dry, *others[j + 1 :]])
+            simpler = _instead(explanation, j, found.candidate.dry)
             if judge is None or not _is_for(judge, explanation.fit, simpler.fit):
                 return _sized(simpler, judge)
     for j in fi.unsized(explanation):
@@ -466,18 +467,30 @@ def _sized(explanation: Explanation, judge: Search | None, near: float = 15.0) -
             close = EVIDENT if rival.key == dry else search.settings.close
             if evidence(search, without, rival, found.score.statistic) < own - close:
                 continue
-            others = [f.candidate for f in explanation.found]
-            simpler = explained(search, explanation.bank, [*others[:j], rival, *others[j + 1 :]])
+            simpler = _instead(explanation, j, rival)
             if j not in fi.unsized(simpler):
                 return _sized(simpler, judge)
     return explanation
 
 
-def _is_for(judge: Search, fit: Fit, other: Fit, least: float = 20.0) -> bool:
+def _instead(explanation: Explanation, j: int, law: Candidate) -> Explanation:
+    """Give the explanation with a law in the place of finding `j`."""
+    effects = [f.candidate for f in explanation.found]
+    return explained(explanation.search, explanation.bank, [*effects[:j], law, *effects[j + 1 :]])
+
+
+def _is_for(judge: Search, fit: Fit, other: Fit) -> bool:
     """Whether the unseen recordings are clearly for one fit, and not for another."""
     own, its = (deviance_unseen(judge, f) for f in (fit, other))
-    scale = max(min(own, its) / max(judge.body(fit.whitener).data.size, 1), 1.0)
-    return its - own > least * scale
+    return _unseen_gain(its, own, judge.body(fit.whitener).data.size) > DECIDED
+
+
+def _unseen_gain(own: float, other: float, rows: int) -> float:
+    """Give by how much likelier the unseen recordings are after another fit, from both deviances (`deviance_unseen`).
+
+    The noise counts as no less than what the better one leaves in so many rows.
+    """
+    return 0.5 * (own - other) / max(min(own, other) / max(rows, 1), 1.0)
 
 
 def _reconsidered(judge: Search, explanation: Explanation) -> Explanation:
@@ -498,14 +511,13 @@ def _reconsidered(judge: Search, explanation: Explanation) -> Explanation:
         if not near:
             continue
         own = deviance_unseen(judge, search.fit([*others, found.candidate], whitener))
-        told = found.candidate.named and search.problem.torque and own < CLOSE * judge.body(whitener).data.size
+        rows = judge.body(whitener).data.size
+        told = found.candidate.named and search.problem.torque and own < CLOSE * rows
         finer = [c for c, _ in near if told and c.effect.name not in REFINING]
         near = [(c, d) for c, d in near if c in finer or _physics(search, c) <= size][:3]
         for rival, difference in near:
-            other = deviance_unseen(judge, search.fit([*others, rival], whitener))
-            scale = max(min(own, other) / max(judge.body(whitener).data.size, 1), 1.0)
-            better = other < own if not found.candidate.named else difference + 0.5 * (own - other) / scale > 10.0
-            if better:
+            more = _unseen_gain(own, deviance_unseen(judge, search.fit([*others, rival], whitener)), rows)
+            if more > 0.0 if not found.candidate.named else difference + more > DECIDED:
                 return explained(search, explanation.bank, [*others, rival])
     return explanation
 

@@ -8,7 +8,18 @@ from dataclasses import replace
 import numpy as np
 
 from .candidates import Candidate
-from .drift import LONG, QUICKER, SHORT, Drift, drift_columns, drifting_channels, faint, slow_shapes, without_drift
+from .drift import (
+    LONG,
+    QUICKER,
+    SAMPLED,
+    SHORT,
+    Drift,
+    drift_columns,
+    drifting_channels,
+    faint,
+    slow_shapes,
+    without_drift,
+)
 from .fit import Fit
 from .geometry import Vector
 from .leftover import plain_rest, smooth_columns
@@ -67,6 +78,11 @@ def own_drifts(search: Search) -> list[Vector]:
     if search.drift is None:
         return slow_waves(search, channels, 1.0)
     return slow_waves(search, channels, search.drift.stretch, search.drift.quicker)
+
+
+def most_drift(search: Search) -> Vector:
+    """Say how far the zeros of torques may drift and be no fault, whatever the band holds, shape (n_motors,) [N m]."""
+    return SAMPLED * search.problem.sensors.sampled
 
 
 def shorter_drift(search: Search) -> Search:

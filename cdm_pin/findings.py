@@ -571,8 +571,7 @@ def outweighs(model: CableModel, found: Found, motor: int, excess: float, least:
     place = found.candidate.place
     if len(place.A + place.B) > 0 and abs(place.weights(model)[motor - 1]) < 1e-9:
         return True
-    nameless = max((difference for c, difference in found.rivals if not c.named), default=-np.inf)
-    return found.score.statistic > least * excess and nameless <= 0.0
+    return found.score.statistic > least * excess and not is_outdone(found, 0.0, 0.0)
 
 
 def is_sure(model: CableModel, found: Found, patches: Sequence[Found]) -> bool:
@@ -594,7 +593,10 @@ def is_sure(model: CableModel, found: Found, patches: Sequence[Found]) -> bool:
     return found.candidate.effect.name in CATALOGUE
 
 
-def is_outdone(found: Found, share: float = 0.1) -> bool:
-    """Whether a correction without a name explains clearly more in its place, so that its name is not sure."""
-    margin = share * found.gain + 15.0
+def is_outdone(found: Found, share: float = 0.1, least: float = 15.0) -> bool:
+    """Whether a correction without a name explains clearly more in its place, so that its name is not sure.
+
+    By at least so much log-likelihood beyond a share of what it gains.
+    """
+    margin = share * found.gain + least
     return any(not rival.named and difference > margin for rival, difference in found.rivals)

@@ -189,4 +189,9 @@ def tones(search: Search, effects: Sequence[Candidate] = (), most: int = 3, leas
     for f in sorted(peaks, key=lambda f: -peaks[f]):
         if len(best) < most and all(abs(f - other) > 0.02 for other in best):
             best.append(f)
-    return [Candidate(TONE, place, (f,)) for f in best for place in TONE.places(problem.model)]
+    return tones_at(search, best)
+
+
+def tones_at(search: Search, frequencies: Sequence[float]) -> list[Candidate]:
+    """Give candidates for disturbances at every place with given frequencies of their own [Hz]."""
+    return [Candidate(TONE, place, (f,)) for f in frequencies for place in TONE.places(search.problem.model)]

@@ -9,8 +9,7 @@ import numpy as np
 from .candidates import Candidate
 from .completed import effect_candidates
 from .doubts import COMPLIANT, PUNCTUAL
-from .drift import SAMPLED
-from .drifting import with_drift
+from .drifting import most_drift, with_drift
 from .effect_shapes import greatest_load, sign_width
 from .fit import Fit
 from .geometry import Vector
@@ -114,7 +113,7 @@ def unsure_zeros(search: Search, fit: Fit, offset: Candidate) -> Vector:
     drifted = _drifted(search, search.fit([*fit.effects, offset], fit.whitener))
     if walking_noise(search, fit) is None:
         return drifted
-    return np.maximum(drifted, SAMPLED * search.problem.sensors.sampled)
+    return np.maximum(drifted, most_drift(search))
 
 
 def differs_by_zeros(search: Search, fit: Fit, law: Candidate) -> bool:
@@ -123,9 +122,11 @@ def differs_by_zeros(search: Search, fit: Fit, law: Candidate) -> bool:
         return False
     constant, m = search.score(fit, law).beta[1], search.problem.model.n_motors
     torque = [np.abs(constant * columns[1]).max(axis=1) for columns in search.columns(law)]
-    if np.any(np.max(torque, axis=0)[:m] > SAMPLED * search.problem.sensors.sampled):
+    if np.any(np.max(torque, axis=0)[:m] > most_drift(search)):
         return False
-    return walking_noise(search, fit) is not None or with_drift(search, fit.effects).drift is not None
+    if search.drift is not None or walking_noise(search, fit) is not None:
+        return True
+    return with_drift(search, fit.effects).drift is not None
 
 
 def _drifted(search: Search, fit: Fit) -> Vector:

@@ -41,15 +41,14 @@ def robust_score(search: Search, fit: Fit, candidate: Candidate) -> Score:
     clearly larger than what the sensors bring by themselves: no residual shows what errors of accelerations have in
     common with the columns. Where zeros walk, what has no name is no more than beside noise that does.
     """
-    score = _in_bursts(search, fit, candidate)
-    if not candidate.named:
-        walking = walking_noise(search, fit)
-        if walking is not None:
-            other = _in_bursts(search, search.fit(fit.effects, walking), candidate)
-            score = replace(score, statistic=min(score.statistic, other.statistic))
+    score, cautious = _in_bursts(search, fit, candidate), []
+    if not candidate.named and (walking := walking_noise(search, fit)) is not None:
+        cautious.append((walking, 1.0))
     if is_coarse(search.problem) and not _is_travel(search, candidate):
-        other = _in_bursts(search, search.fit(fit.effects, search.sensed), candidate)
-        score = replace(score, statistic=min(score.statistic, other.statistic / UNSURE**2))
+        cautious.append((search.sensed, UNSURE))
+    for noise, larger in cautious:
+        other = _in_bursts(search, search.fit(fit.effects, noise), candidate)
+        score = replace(score, statistic=min(score.statistic, other.statistic / larger**2))
     return score
 
 

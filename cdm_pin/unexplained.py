@@ -10,17 +10,15 @@ import numpy as np
 
 from .asked import unnamed
 from .candidates import Candidate
-from .drift import SAMPLED
-from .drifting import still_errors
+from .drifting import most_drift, still_errors
 from .effect import Place
 from .explanation import Explanation, Found
 from .fit import Fit
 from .geometry import Vector
-from .leftover import clear_noise, follows_state, left_over, loosely_left_over
+from .leftover import clear_noise, follows_state, left_over, loosely_left_over, tones_at
 from .measured import both_positions
 from .model import CableModel
 from .motion import Motion
-from .patches import TONE
 from .places import axis_places
 from .problem import Problem, Run
 from .regions import change_time
@@ -251,8 +249,7 @@ def wandering_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
         return None
     size = np.sqrt(np.mean(np.concatenate(slow, axis=1) ** 2, axis=1))
     rigid, laws = search.settings.torque_error * search.loads, _accuracy(search, fit)
-    sensed = SAMPLED * problem.sensors.sampled, 2.0 * problem.sensors.rounding
-    least = np.max([rigid[:m], laws[:m], *sensed], axis=0)
+    least = np.max([rigid[:m], laws[:m], most_drift(search), 2.0 * problem.sensors.rounding], axis=0)
     return None if np.all(size < least) else _torque_that("wanders slowly with time", slow, problem.model)
 
 
@@ -405,8 +402,7 @@ def _beside_lines(search: Search, fit: Fit, lines: set[float]) -> Search:
     """
     leaking = {f for f in lines if f < 0.5 * search.problem.band.reduced_rate}
     distinct = [f for f in sorted(leaking) if not any(g < f < g + 0.02 for g in leaking)]
-    tones = [Candidate(TONE, place, (f,)) for f in distinct for place in TONE.places(search.problem.model)]
-    plain = search.fit([*fit.effects, *tones], search.plain)
+    plain = search.fit([*fit.effects, *tones_at(search, distinct)], search.plain)
     own = list(zip(fit.effects, fit.beta, strict=True))
     return search.at(plain.base[: len(search.base.columns)], own)
 
@@ -428,6 +424,8 @@ def swinging_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     problem = _beside_lines(search, fit, frequencies).problem
     best, told = LINE, None
     for run, (start, stop, lines) in zip(problem.runs, heard, strict=True):
+        if not any(lines):
+            continue
         t, y = run.motion.time[start:stop], run.data[:m, start:stop]
         e = y - _quick(run, min(2.0 * high, 0.45 * rate)).logged_torque.T[:, start:stop]
         for found in lines:
