@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import interp1d
 
 from .bank import all_candidates
 from .candidates import Candidate
@@ -101,6 +102,26 @@ def lags(search: Search, fit: Fit) -> Vector:
         return Columns(kinematic=model.arm_scale[:, None] * np.concatenate([-joints, motors], axis=2))
 
     return fit.rest(search.white(fit.whitener, search.in_band(columns)))
+
+
+@kept
+def rests(search: Search, fit: Fit) -> Vector:
+    """Draw what rounding leaves in the travels where encoders rest or turn, whitened, as far as a fit leaves it.
+
+    Returns
+    -------
+    ndarray, shape (n_draws, n_rows)
+    """
+    problem, rows = search.problem, []
+    parts = zip(problem.runs, problem.segments, problem.data, problem.sensors.resting, strict=True)
+    for run, inside, data, drawn in parts:
+        n = data.shape[2]
+        at = np.linspace(0.0, drawn.shape[2] - 1.0, n)  # thinned recordings may have a few samples more or less
+        own = drawn if drawn.shape[2] == n else interp1d(np.arange(drawn.shape[2]), drawn)(at)
+        if run.sure is not None and inside:
+            own = own - (1.0 - run.sure[:, None]) * inside_of(own, inside).mean(axis=-1, keepdims=True)
+        rows.append(np.concatenate([np.zeros((len(own), problem.n_channels - own.shape[1], n)), own], axis=1))
+    return fit.rest(search.white(fit.whitener, rows))
 
 
 @kept

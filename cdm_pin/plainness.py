@@ -26,6 +26,8 @@ EVIDENT = 5.0
 """By how much log-evidence more a refinement is named that has more parameters than its likelihood seems to pay for."""
 PASSAGE = 0.02
 """Share of friction below which its sign's passage through zero, as measured, shows no peak."""
+FINER = {"stribeck_friction": PASSAGE, "cable_slack": 0.05}
+"""Share by which a law may be wrong that a finer one, named here, has as a special case; a spring's stiffness varies."""
 WRONG = 0.1
 """Share of its torque by which no law is wrong."""
 PREFERENCE = 2.0
@@ -158,8 +160,7 @@ def _rises(search: Search, without: Fit, law: Candidate) -> bool:
 
 def _within(search: Search, law: Candidate, statistic: float, least: float) -> float:
     """Say by how much log-likelihood another law may be worse than this one, of some statistic, to be as good."""
-    error = PASSAGE if law.effect.name == "stribeck_friction" else None
-    return search.settings.within(statistic, error, least)
+    return search.settings.within(statistic, FINER.get(law.effect.name), least)
 
 
 def _is_all_but_errors(search: Search, without: Fit, own: Candidate, rival: Candidate) -> bool:

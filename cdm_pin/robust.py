@@ -9,7 +9,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2
 
 from .candidates import Candidate
-from .doubts import instants, lags, offsets, quicker_drifts, sides, unsure_stretches
+from .doubts import instants, lags, offsets, quicker_drifts, rests, sides, unsure_stretches
 from .fit import Fit
 from .geometry import Vector
 from .problem import Problem
@@ -89,10 +89,27 @@ def _in_bursts(search: Search, fit: Fit, candidate: Candidate) -> Score:
     rest = fit.residual - own
     rest = rest - (room @ (Z @ rest)) @ Z
     worst = bursts(own, rest)
+    if _is_travel(search, candidate):
+        worst = max(worst, at_rest(own, rests(search, fit)))
     if candidate.effect.name == "external_torque":  # by chance noise may be small for as long as it lasts
         width = round((candidate.shape[1] - candidate.shape[0]) * search.problem.band.reduced_rate)
         worst = max(worst, bursts(around(own, width), rest))
     return replace(score, statistic=score.statistic / max(worst, 1.0))
+
+
+def at_rest(own: Vector, draws: Vector) -> float:
+    """Say how many times the variance of the noise rounding makes along an effect; zero unless it is sure to be more.
+
+    Parameters
+    ----------
+    own : ndarray, shape (n_rows,)
+        What the effect brings, whitened.
+    draws : ndarray, shape (n_draws, n_rows)
+        What rounding leaves where encoders rest (`doubts.rests`).
+    """
+    size, n = float(own @ own), len(draws)
+    ratio = float(np.mean((draws @ own) ** 2)) / size if size and n else 0.0
+    return ratio if ratio * n > float(chi2.ppf(SURE, n)) else 0.0
 
 
 def around(own: Vector, width: int) -> Vector:

@@ -20,6 +20,8 @@ from .signals_filters import differentiate, lowpass, noise_floor, stretches
 
 BEYOND = 4.0
 """How many times the band's frequencies are too quick for what the motion brings, but for moments."""
+DRAWS = 32
+"""Times that what rounding leaves is drawn."""
 SMOOTH = 1.0
 """Frequency up to which positions are taken to round them once more [Hz]: beyond it they hold the first rounding."""
 
@@ -75,6 +77,18 @@ class SensorNoise:
         An encoder that rounds down is wrong by half a step, at any frequency.
         """
         return np.max([travel_noise(self.model, s) for s in self.signals], axis=0) * self.model.arm_scale * np.sqrt(3.0)
+
+    @cached_property
+    def resting(self) -> list[Vector]:
+        """Draws of what rounding leaves in the travels where encoders rest or turn (`resting_errors`), in the band.
+
+        Per recording, shape (`DRAWS`, n_motors, n_reduced) [rad].
+        """
+        rng, scale = np.random.default_rng(0), self.model.arm_scale
+        return [
+            np.stack([self.band.reduce((resting_errors(self.model, s, rng) * scale).T) for _ in range(DRAWS)])
+            for s in self.signals
+        ]
 
     @property
     def rounding(self) -> Vector:
@@ -188,6 +202,36 @@ def _rounded(model: CableModel, signals: Signals, q: Vector) -> Vector:
     own = np.where(steps > 0, steps, 1.0)
     error = (np.round(x / own) * own - x) * (steps > 0)
     return q + (error if measured == "joint_position" else error @ model.joint_from_motor.T)
+
+
+def resting_errors(model: CableModel, signals: Signals, rng: np.random.Generator) -> Vector:
+    """Draw what rounding may leave in the travel where readings do not change or turn, shape (n, n_motors) [rad].
+
+    An encoder at rest is off by the same for as long as it rests, somewhere in its step; one that passes through a step
+    is not on the whole.
+    """
+    error = {
+        side: np.stack([_at_rest(x, step, rng) for x, step in zip(signals.logged[side].T, signals.steps[side])], axis=1)
+        for side in ("joint_position", "motor_position")
+    }
+    return error["motor_position"] - error["joint_position"] @ model.motor_from_joint.T
+
+
+def _at_rest(x: Vector, step: float, rng: np.random.Generator) -> Vector:
+    """Draw by how much one encoder's readings may be off where it rests or turns, shape (n,)."""
+    if step <= 0.0:
+        return np.zeros(len(x))
+    counts = np.round((x - np.median(x)) / step)  # readings brought to other instants lie between two
+    starts = np.flatnonzero(np.r_[True, np.diff(counts) != 0.0])
+    stops, change = np.r_[starts[1:], len(x)], np.diff(counts[starts])
+    length, before, after = stops - starts, np.r_[0.0, change], np.r_[change, 0.0]
+    nearby = np.maximum(np.r_[0, length[:-1]], np.r_[length[1:], 0])
+    rests = (before * after <= 0.0) | (length > 3 * nearby)
+    off = np.where(rests, rng.uniform(-0.5, 0.5, len(starts)), 0.0) * step
+    inner = np.maximum(length - 1, 0) * rests / 2.0  # all of a rest is off alike, of a passage its middle by nothing
+    middle = 0.5 * (starts + stops - 1)
+    knots, values = np.stack([middle - inner, middle + inner], axis=1).ravel(), np.repeat(off, 2)
+    return np.interp(np.arange(len(x)), knots, values)
 
 
 def _rounding(model: CableModel, signals: Signals, band: Band) -> Vector:

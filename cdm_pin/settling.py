@@ -31,6 +31,7 @@ def settled(search: Search, accepted: list[Candidate], rounds: int = 2) -> tuple
             if not _has_moved(before, search.fit(accepted)):
                 break
         accepted = yielding(search, accepted, search.noise(accepted))
+    if accepted or search.problem.loads:  # what was withdrawn brings no torque
         search = about(search, search.fit(accepted))
     return search, accepted
 
