@@ -90,6 +90,8 @@ RARE = 4.7
 """By how many times the root of what is due chance takes from it in one of a hundred cases."""
 FAR = 25.0
 """Squared error on unseen recordings, in units of the noise, beside which a finding has to carry most of it."""
+RISES = ((0.8, 100.0, 1.3), (0.5, 20.0, 1.03))
+"""Share of what is due by which the whitened sum falls, least fall, and times that the plain error may rise then."""
 SCHEMA = "cdm_pin.diagnosis/1"
 
 
@@ -589,8 +591,8 @@ def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
     """Whether the unseen recordings are likelier with finding `j` than without it, by as much as they should be.
 
     Where it is right, the whitened sum of squares falls by that of what it changes there, give or take twice the root
-    (`asked_of`). The plain error, drifts aside, must not rise either, unless masses that the training could not tell
-    make most of it.
+    (`asked_of`). The plain error, drifts aside, must not rise either, or hardly where nearly all is there that was due,
+    unless masses that the training could not tell make most of it.
     Where nearly all of the plain error goes, no more is asked: slow noise could hide a constant from the likelihood.
     What is loud in the training, and would not show on the unseen recordings, they cannot speak against. What is little
     more than other laws may be wrong by is none of that only if it leaves nothing but noise.
@@ -615,7 +617,7 @@ def _helps(judge: Search, explanation: Explanation, j: int) -> bool:
     fall = deviance_unseen(judge, without) - deviance_unseen(judge, fit)
     if fall < asked_of(due, found.gain, found.candidate.named):
         return False
-    rise = 1.03 if fall > max(0.5 * due, 20.0) else 1.01
+    rise = next((rise for share, least, rise in RISES if fall > max(share * due, least)), 1.01)
     others = sum(f.score.statistic for f in explanation.found) - found.score.statistic
     if found.score.statistic < (2.0 * explanation.search.settings.law_error) ** 2 * others:
         return with_it < min(without_it, 1.5 * judge.problem.n_channels)

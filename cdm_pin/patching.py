@@ -154,9 +154,10 @@ def renamed(explanation: Explanation) -> Explanation:
     for j, found in enumerate(explanation.found):
         if found.candidate.named:
             continue
-        near = [c for c, d in found.rivals if c.named and d > -_nearly(found.gain)]
-        for law in near[:2]:
-            law = law.detailed(explanation.search.problem.motions) if found.score.statistic > STRONG else law
+        near = [c for c, d in found.rivals if c.named and d > -_nearly(found.gain)][:2]
+        if found.score.statistic > STRONG:  # what is left open of a law may also spoil it
+            near = [form for c in near for form in (c.detailed(explanation.search.problem.motions), c)]
+        for law in near:
             search, laws = settled(explanation.search, [*accepted[:j], law, *accepted[j + 1 :]], rounds=4)
             bank, without = search.renewed(explanation.bank), search.without(search.fit(laws), j)
             score = search.score(without, laws[j])

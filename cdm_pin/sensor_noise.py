@@ -176,9 +176,16 @@ def inertia_noise(model: CableModel, signals: Signals) -> Vector:
 
 
 def position_noise(model: CableModel, signals: Signals) -> Vector:
-    """Noise of the joints' positions, also where they follow from the motors', shape (n_joints,) [rad]."""
+    """Noise of the joints' positions, also where they follow from the motors', shape (n_joints,) [rad].
+
+    With what they are displaced by at instants that are not sure.
+    """
     q, steps = both_positions(model, signals.logged)[0], _joint_steps(model, signals)
-    return np.maximum(noise_floor(q, signals.rate, steps=steps), 1e-9)
+    own = np.maximum(noise_floor(q, signals.rate, steps=steps), 1e-9)
+    if not signals.unsure:
+        return own
+    v = differentiate(lowpass(q, signals.rate, 0.05 * signals.rate), signals.rate)
+    return np.hypot(own, signals.unsure * np.sqrt(np.mean(v**2, axis=0)))
 
 
 def _joint_steps(model: CableModel, signals: Signals) -> Vector:

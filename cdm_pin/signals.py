@@ -92,6 +92,8 @@ class Signals:
         In which each recorded quantity was logged, zero where there are none (`logged_steps`).
     period : float or None
         Of the motion [s], where it repeats.
+    unsure : float
+        By how much the samples' instants may still be off [s] (`Clock`).
     """
 
     time: np.ndarray
@@ -109,6 +111,7 @@ class Signals:
     order: int = 4
     steps: dict[str, np.ndarray] = field(default_factory=dict)
     period: float | None = None
+    unsure: float = 0.0
 
     def filter(self, x: np.ndarray) -> np.ndarray:
         """Pass columns on the same grid, shape (n, ...), through the common filter."""
@@ -135,6 +138,8 @@ class Grid:
         From the quiet end of the spectra.
     notices : tuple of str
         What was found about the clock and done about it.
+    unsure : float
+        As in `Signals`.
     """
 
     time: np.ndarray
@@ -144,6 +149,7 @@ class Grid:
     steps: dict[str, np.ndarray]
     noise: dict[str, np.ndarray]
     notices: tuple[str, ...]
+    unsure: float = 0.0
 
 
 def read_grid(recording: Recording, model: Robot | None = None, *, repair_clock: bool = True) -> Grid:
@@ -167,7 +173,7 @@ def read_grid(recording: Recording, model: Robot | None = None, *, repair_clock:
             notices.append(_wrong_rate(rate, factor))
             time, stamps, rate = time * factor, stamps * factor, rate / factor
     noise = {name: noise_floor(x, rate, steps=steps[name]) for name, x in logged.items()}
-    return Grid(time, rate, logged, stamps, steps, noise, tuple(notices))
+    return Grid(time, rate, logged, stamps, steps, noise, tuple(notices), clock.unsure)
 
 
 def prepare(
@@ -235,6 +241,7 @@ def prepare(
         logged=logged,
         order=order,
         steps=grid.steps,
+        unsure=grid.unsure,
     )
     signals = _with_period(signals, notices)
     notices += [f"{c.channel}: {c.message}".removeprefix(": ") for c in check(signals, model)]

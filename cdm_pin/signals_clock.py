@@ -22,6 +22,7 @@ from .signals_filters import differentiate, lowpass, resample_uniform, stretches
 LEAST = 2e-3  # of a step: what rows are off their stamps in the highest band, else there is nothing to put right
 SLOW = 0.1  # of a joint's speed (rms), below which it tells no displacement from what its encoder rounds
 EVEN = 0.2  # of the size of delays in a lower band (rms), that half of them have: a few starts and stops are the motion
+MATTERS = 4.0  # [Hz]: delays that are slower make little of accelerations
 STUCK = 5  # rows: a longer run of equal rows is a stretch without data, a shorter one a logger that read too early
 
 
@@ -37,11 +38,15 @@ class Clock:
         False for rows that repeat an earlier one.
     notices : tuple of str
         What was found.
+    unsure : float
+        By how much rows may still be off (rms), as if they were so at any frequency, where slow delays look like motion
+        [s].
     """
 
     time: np.ndarray
     keep: np.ndarray
     notices: tuple[str, ...] = ()
+    unsure: float = 0.0
 
 
 def read_clock(recording: Recording, *, repair: bool = True) -> Clock:
@@ -63,13 +68,14 @@ def read_clock(recording: Recording, *, repair: bool = True) -> Clock:
         notices.append(f"{_share(repeats)} of the rows repeat the row before them while the robot moves: left out")
     keep = ~(stamped_twice | repeats)
     positions = recording.channels.get("joint_position", recording.channels.get("motor_position"))
+    unsure = 0.0
     if repair and positions is not None and keep.sum() > 64:
         estimate = sampling_instants(time[keep], positions[keep])
         if estimate is not None:
-            time[keep], notice = estimate
+            time[keep], notice, unsure = estimate
             notices.append(notice)
             keep = _leave_out_ties(time, keep)
-    return Clock(time, keep, tuple(notices))
+    return Clock(time, keep, tuple(notices), unsure)
 
 
 def repeated_rows(recording: Recording) -> np.ndarray:
@@ -97,7 +103,7 @@ def repeated_rows(recording: Recording) -> np.ndarray:
     return repeats
 
 
-def sampling_instants(time: np.ndarray, positions: np.ndarray, agreement: float = 0.5) -> tuple[np.ndarray, str] | None:
+def sampling_instants(time: np.ndarray, positions: np.ndarray, agreement: float = 0.5) -> tuple[np.ndarray, str, float] | None:
     """Estimate when rows were sampled from how all joints are displaced together, band by band from the highest down.
 
     Loggers are irregular from row to row: most of it is in the highest band, and no band holds much more than the one
@@ -118,20 +124,25 @@ def sampling_instants(time: np.ndarray, positions: np.ndarray, agreement: float 
     time : ndarray, shape (n,)
         Estimated instants [s].
     notice : str
-        What was found. The function returns None, in place of both, where the joints do not agree.
+        What was found.
+    unsure : float
+        By how much rows may still be off [s], as if evenly over all frequencies, if delays up to `MATTERS` could not be
+        told from motion. The function returns None, in place of all three, where the joints do not agree.
     """
     if len(time) > 1 << 17:  # decline on a part of a long record before working on all of it
         middle = slice(len(time) // 2 - (1 << 15), len(time) // 2 + (1 << 15))
         if sampling_instants(time[middle], positions[middle], agreement) is None:
             return None
     step = float(np.median(np.diff(time)))
-    instants, first, largest = np.array(time), None, np.inf
+    instants, first, largest, every = np.array(time), None, np.inf, 0.0
     low, high = 0.2 / step, np.inf
     while low * (time[-1] - time[0]) > 20:
         shift, agreed, weight, size = _common_shift(instants, positions, step, low, high)
         irregular = size > LEAST * step if first is None else size < 2 * largest  # a delay that grows is the motion
         if agreed < agreement or not irregular:
             break
+        if first is None:  # of delays that change from row to row, three fifths are in the highest band
+            every = size / np.sqrt(0.6)
         first, largest = agreed if first is None else first, size
         instants = instants + shift
         for _ in range(3):  # what the flanks of the filters left over; with the weights that were agreed on
@@ -145,7 +156,7 @@ def sampling_instants(time: np.ndarray, positions: np.ndarray, agreement: float 
         return None
     notice = f"rows were sampled {1e3 * off:.2g} ms (rms) off their stamps: all joints are displaced together"
     notice += f" (each predicted by the others, R2 {first:.2f}); stamps corrected by that"
-    return instants, notice
+    return instants, notice, every if min(high, 0.5 / step) > MATTERS else 0.0
 
 
 def _common_shift(

@@ -198,7 +198,7 @@ def test_sampling_instants_are_told_by_the_joints():
     stamps = np.arange(10000) / 500
     late = rng.uniform(-0.5e-3, 0.5e-3, 10000)
     log = robot_log(sampled=stamps + late, noise=(1e-5, 2e-3))
-    instants, notice = sampling_instants(stamps, log.channels["joint_position"])
+    instants, notice, _ = sampling_instants(stamps, log.channels["joint_position"])
     inside = slice(200, -200)
     assert np.std((instants - stamps - late)[inside]) < 0.35 * late.std()
     assert "sampled 0.2" in notice or "sampled 0.3" in notice
