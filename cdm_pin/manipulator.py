@@ -245,10 +245,10 @@ def _pulleys(content: Any, n: int) -> Pulleys:
 def _check_reach(links: tuple[Link, ...], pulleys: Pulleys) -> None:
     routing = route(links)
     for i, link in enumerate(links[:-1], start=1):
-        if routing.frames[i] is not None and 2 * pulleys.link_pulley_distance > routing.length[i]:
+        if routing.frames[i] is not None and pulleys.link_pulley_distance > routing.length[i]:
             raise GeometryError(
-                f"{pulleys.link_pulley_distance:g} m is longer than half of link {link.name!r} "
-                f"({routing.length[i]:g} m): its two link guide pulleys would pass each other",
+                f"{pulleys.link_pulley_distance:g} m is longer than link {link.name!r} "
+                f"({routing.length[i]:g} m): its link guide pulleys would lie beyond the next joint",
                 place=f"pulleys.link_pulley_distance, links[{i}].length",
             )
 
