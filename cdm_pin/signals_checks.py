@@ -146,12 +146,21 @@ def _recorded_velocities(logged: Mapping[str, np.ndarray]) -> list[str]:
 def _velocity_ratio(
     logged: Mapping[str, np.ndarray], name: str, rate: float, cutoff: float
 ) -> tuple[np.ndarray, np.ndarray]:
+    """Give what recorded velocities are times the derivative, and how well they agree, shape (width,) each.
+
+    The ratio is that of slow motion: one that was filtered lags and is less the quicker it is.
+    """
     v = differentiate(lowpass(logged[name.replace("velocity", "position")], rate, cutoff), rate)
     recorded = lowpass(logged[name], rate, cutoff)
-    v, recorded = v - v.mean(axis=0), recorded - recorded.mean(axis=0)
-    norm, own = np.linalg.norm(v, axis=0) + 1e-150, np.linalg.norm(recorded, axis=0) + 1e-150
-    shared = np.sum(v * recorded, axis=0)
-    return shared / norm**2, shared / norm / own
+    rates = [v, differentiate(v, rate), differentiate(differentiate(v, rate), rate)]
+    ratio, agreement = np.zeros(v.shape[1]), np.zeros(v.shape[1])
+    for j, own in enumerate((recorded - recorded.mean(axis=0)).T):
+        design = np.column_stack([x[:, j] - x[:, j].mean() for x in rates])
+        size = np.linalg.norm(design, axis=0) + 1e-150
+        fitted = np.linalg.lstsq(design / size, own, rcond=None)[0]
+        ratio[j] = fitted[0] / size[0]
+        agreement[j] = np.sign(ratio[j]) * np.linalg.norm(design / size @ fitted) / (np.linalg.norm(own) + 1e-150)
+    return ratio, agreement
 
 
 def _moving(signals: Signals, position: str) -> np.ndarray:
