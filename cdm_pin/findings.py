@@ -254,7 +254,19 @@ FALL = 0.75
 """Weight of coefficients, in their errors, at the time constant or period that suits best: there is a choice."""
 SCATTER = 2.0
 """Standard errors by which training and unseen recordings differ by chance."""
-SHAPES = ("phase", "cycles", "form", "ratio", "stribeck_velocity", "time_constant", "rest", "start", "end", "recording")
+SHAPES = (
+    "phase",
+    "cycles",
+    "form",
+    "links_only",
+    "ratio",
+    "stribeck_velocity",
+    "time_constant",
+    "rest",
+    "start",
+    "end",
+    "recording",
+)
 """Parameters that say what an effect looks like, not how large it is."""
 
 

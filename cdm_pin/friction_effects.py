@@ -8,7 +8,7 @@ import numba
 import numpy as np
 
 from .effect import Columns, Place, Shape, acting, position_along, speed_along
-from .effect_shapes import greatest_load, reach
+from .effect_shapes import greatest_load, reach, sign_width
 from .geometry import Vector
 from .motion import Motion
 from .places import is_whole_cable
@@ -151,8 +151,20 @@ def drag_columns(motion: Motion, place: Place, shape: Shape) -> Columns:
 
 
 def load_columns(motion: Motion, place: Place, shape: Shape) -> Columns:
-    """Column of friction of a loaded bearing: the hinge's force times sign(s')."""
-    return acting(motion, place, motion.hinge_force[:, place.index[0]] * _sign(motion, place, shape))
+    """Column of friction of a loaded bearing: the hinge's force, or the links' share of it, times sign(s')."""
+    force = motion.link_force if shape[1:] == (1.0,) else motion.hinge_force
+    return acting(motion, place, force[:, place.index[0]] * _sign(motion, place, shape))
+
+
+def load_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
+    """Screen a hinge on which the cables pull, and one on which the links alone do."""
+    both = motions[0].hinge_force is not motions[0].link_force
+    return [(sign_width(motions, place), only) for only in ((0.0, 1.0) if both else (0.0,))]
+
+
+def load_physical(beta: Vector, shape: Shape) -> dict[str, float]:
+    """Tell the coefficient, and whether the links alone load the hinge."""
+    return {"coefficient": float(beta[0]), "links_only": shape[1] if len(shape) > 1 else 0.0}
 
 
 def torque_columns(motion: Motion, place: Place, shape: Shape) -> Columns:

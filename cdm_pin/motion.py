@@ -405,7 +405,12 @@ class Motion:
         model = self.bearings or self.model
         if model.planar and model.manipulator.pulleys is not None:
             return np.linalg.norm(hinge_reaction(model, self.q, self.v, self.a, self.pretension), axis=-1)
-        return np.linalg.norm(joint_wrenches(model, self.q, self.v, self.a)[..., :3], axis=-1)
+        return self.link_force
+
+    @cached_property
+    def link_force(self) -> Vector:
+        """Magnitude of the force between a link and the one before, without that of cables, shape (n, n_joints) [N]."""
+        return np.linalg.norm(joint_wrenches(self.bearings or self.model, self.q, self.v, self.a)[..., :3], axis=-1)
 
     @cached_property
     def driven_torque(self) -> Vector:

@@ -27,7 +27,7 @@ EVIDENT = 5.0
 PASSAGE = 0.02
 """Share of friction below which its sign's passage through zero, as measured, shows no peak."""
 FINER = {"stribeck_friction": PASSAGE, "cable_slack": 0.05}
-"""Share by which a law may be wrong that a finer one, named here, has as a special case; a spring's stiffness varies."""
+"""Share by which a law may be wrong that is a special case of one named here; the stiffness of a spring varies."""
 WRONG = 0.1
 """Share of its torque by which no law is wrong."""
 PREFERENCE = 2.0

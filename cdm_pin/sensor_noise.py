@@ -217,11 +217,12 @@ def resting_errors(model: CableModel, signals: Signals, rng: np.random.Generator
     An encoder at rest is off by the same for as long as it rests, somewhere in its step; one that passes through a step
     is not on the whole.
     """
-    error = {
-        side: np.stack([_at_rest(x, step, rng) for x, step in zip(signals.logged[side].T, signals.steps[side])], axis=1)
-        for side in ("joint_position", "motor_position")
-    }
-    return error["motor_position"] - error["joint_position"] @ model.motor_from_joint.T
+
+    def off(side: str) -> Vector:
+        readings = zip(signals.logged[side].T, signals.steps[side], strict=True)
+        return np.stack([_at_rest(x, step, rng) for x, step in readings], axis=1)
+
+    return off("motor_position") - off("joint_position") @ model.motor_from_joint.T
 
 
 def _at_rest(x: Vector, step: float, rng: np.random.Generator) -> Vector:

@@ -103,7 +103,9 @@ def repeated_rows(recording: Recording) -> np.ndarray:
     return repeats
 
 
-def sampling_instants(time: np.ndarray, positions: np.ndarray, agreement: float = 0.5) -> tuple[np.ndarray, str, float] | None:
+def sampling_instants(
+    time: np.ndarray, positions: np.ndarray, agreement: float = 0.5
+) -> tuple[np.ndarray, str, float] | None:
     """Estimate when rows were sampled from how all joints are displaced together, band by band from the highest down.
 
     Loggers are irregular from row to row: most of it is in the highest band, and no band holds much more than the one
