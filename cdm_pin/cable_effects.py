@@ -263,11 +263,16 @@ def coupling_transitions(motion: Motion, place: Place, shape: Shape, scale: floa
 
 
 def coupling_columns(motion: Motion, place: Place, shape: Shape) -> Columns:
-    """Columns of inertia, drag and dry friction of a motor that turns with a joint at a ratio."""
+    """Columns of inertia, drag and dry friction of a motor that turns with a joint at a ratio.
+
+    They brake motor and joint as they turn with them, or, where something else carries what the joint would feel, the
+    motor alone.
+    """
     i, k = place.index
     s = motion.v_m[:, i] + shape[1] * motion.v[:, k]
     a = motion.a_m[:, i] + shape[1] * motion.a[:, k]
-    w = np.eye(motion.model.n_motors)[i] + shape[1] * motion.model.joint_from_motor[k]
+    felt = 0.0 if shape[2:] == (1.0,) else shape[1]
+    w = np.eye(motion.model.n_motors)[i] + felt * motion.model.joint_from_motor[k]
     return Columns(along=(np.stack([a, s, np.tanh(s / shape[0])]), w))
 
 
@@ -288,8 +293,9 @@ def slack_physical(beta: Vector, shape: Shape) -> dict[str, float]:
 
 
 def coupling_physical(beta: Vector, shape: Shape) -> dict[str, float]:
-    """Tell the ratio, and what turns at it."""
-    return {"ratio": shape[1], "inertia": float(beta[0]), "viscous": float(beta[1]), "coulomb": float(beta[2])}
+    """Tell the ratio, what turns at it, and whether the motor alone feels it."""
+    turning = {"inertia": float(beta[0]), "viscous": float(beta[1]), "coulomb": float(beta[2])}
+    return {"ratio": shape[1], **turning, "motor_only": shape[2] if len(shape) > 2 else 0.0}
 
 
 def elastic_inverse(p: dict[str, float]) -> tuple[list[float], list[float]]:

@@ -313,6 +313,8 @@ def coupled_alike(model: CableModel, candidate: Candidate) -> list[dict[str, Any
     """
     E, eye, own = model.joint_from_motor, np.eye(model.n_motors), None
     if candidate.effect.name == "transmission_coupling":
+        if candidate.shape[2:] == (1.0,):
+            return []
         own = candidate.place.index
         w = eye[own[0]] + candidate.shape[1] * E[own[1]]
     elif candidate.effect.name in ("coulomb_friction", "viscous_friction") and candidate.place.is_pair:

@@ -445,18 +445,26 @@ CATALOGUE: dict[str, Effect] = {
                 Parameter("inertia", "kg m^2", 0.0),
                 Parameter("viscous", "N m s/rad", 0.0),
                 Parameter("coulomb", _NM, 0.0),
+                Parameter("motor_only", "1"),
             ),
             motor_joint_places,
             coupling_columns,
             coupling_physical,
-            grid_of(one_width, lambda m, p: most_turns(m, p) * np.array([-0.6, -0.3, 0.3, 0.6])),
+            grid_of(
+                one_width,
+                lambda m, p: most_turns(m, p) * np.array([-0.6, -0.3, 0.3, 0.6]),
+                lambda m, p: (0.0, 1.0),
+            ),
             bounds_of(
                 lambda m, p: (-0.9 * most_turns(m, p), 0.9 * most_turns(m, p))
             ),  # beyond, it would be a cable on a link
             (1, 1, 1),
             confounded=("coulomb_friction",),
             revealed_by="moving that joint alone",
-            inverse=lambda p: ([p.get("inertia", 0.0), p.get("viscous", 0.0), p.get("coulomb", 0.0)], [p["ratio"]]),
+            inverse=lambda p: (
+                [p.get("inertia", 0.0), p.get("viscous", 0.0), p.get("coulomb", 0.0)],
+                [p["ratio"], p.get("motor_only", 0.0)],
+            ),
             reference=_MAP,
             nuisance_shape=1,
             plausible=lambda beta, shape, detail: abs(shape[1]) > UNCOUPLED,

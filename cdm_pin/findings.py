@@ -259,6 +259,7 @@ SHAPES = (
     "cycles",
     "form",
     "links_only",
+    "motor_only",
     "ratio",
     "stribeck_velocity",
     "time_constant",

@@ -264,6 +264,8 @@ class _Parts:
             return False
         p = candidate.effect.physical(beta, candidate.shape)
         if name == "transmission_coupling":
+            if p.get("motor_only"):
+                return False
             i, k = place.index
             w = np.eye(self.model.n_motors)[i] + p["ratio"] * self.model.joint_from_motor[k]
             self.inertia += p["inertia"] * np.outer(w, w)

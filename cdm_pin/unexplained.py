@@ -27,6 +27,7 @@ from .signals_filters import differentiate, lowpass
 from .significance import is_loud
 from .spectra import tone_peaks, wandering
 from .unseen import deviance_unseen
+from .walking import walking_noise
 from .whitening import Segments
 
 WANDERING = 300.0
@@ -37,6 +38,8 @@ ROUGH = 1.5
 """What is left over that beside smooth functions of the state, from which something is still to be explained."""
 FAR = 5.0
 """What is left over the noise of the sensors that no noise of theirs is."""
+HALF = 0.5
+"""Share of how far zeros may walk that a residual is nothing below."""
 PEAK, ROUNDER = 30.0, 10.0
 """Power of a residual at some frequency over that at a lower one, alone and beside smooth functions of the state, that
 noise has of no sensor, unless what encoders make of accelerations is most of it."""
@@ -158,6 +161,7 @@ def beyond_floor(search: Search, judge: Search | None, explanation: Explanation)
     The second value is how large it is, as a sum of squares in units of the noise. Corrections without a name see
     torques only, so where there is travel alone less may be left without a word. On unseen recordings shapes may be
     others: those of the training need not tell them well, such as how friction rises at speeds that it hardly has.
+    Where zeros may walk, half of how far they may is no more than that.
     """
     limit = 2.0 if search.problem.torque else 1.5
     fit, both = explanation.fit, [search] if judge is None else [search, judge]
@@ -170,7 +174,11 @@ def beyond_floor(search: Search, judge: Search | None, explanation: Explanation)
     worst = int(np.argmax(ratio))
     if not search.problem.segments or ratio[worst] < limit or not follows_state(search, fit):
         return None, 0.0
-    motor = worst % search.problem.model.n_motors + 1
+    m = search.problem.model.n_motors
+    unsure = HALF * most_drift(search)[worst] if search.problem.torque and worst < m else 0.0
+    if rest[worst] < unsure and walking_noise(search, fit) is not None:
+        return None, 0.0
+    motor = worst % m + 1
     words = f"the error of motor {motor} is {ratio[worst]:.1f} times its noise, in no shape that was tried"
     samples = fit.n_rows / search.problem.n_channels
     return something("motor", motor, words, float(rest[worst])), float(ratio[worst] ** 2 - 1) * samples
