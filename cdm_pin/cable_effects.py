@@ -265,14 +265,14 @@ def coupling_transitions(motion: Motion, place: Place, shape: Shape, scale: floa
 def coupling_columns(motion: Motion, place: Place, shape: Shape) -> Columns:
     """Columns of inertia, drag and dry friction of a motor that turns with a joint at a ratio.
 
-    They brake motor and joint as they turn with them, or, where something else carries what the joint would feel, the
-    motor alone.
+    Friction brakes motor and joint as it turns with them, or, where something else carries what the joint would feel,
+    the motor alone; inertia is felt by both.
     """
     i, k = place.index
+    both = shape[2:] != (1.0,)
     s = motion.v_m[:, i] + shape[1] * motion.v[:, k]
-    a = motion.a_m[:, i] + shape[1] * motion.a[:, k]
-    felt = 0.0 if shape[2:] == (1.0,) else shape[1]
-    w = np.eye(motion.model.n_motors)[i] + felt * motion.model.joint_from_motor[k]
+    a = both * (motion.a_m[:, i] + shape[1] * motion.a[:, k])
+    w = np.eye(motion.model.n_motors)[i] + both * shape[1] * motion.model.joint_from_motor[k]
     return Columns(along=(np.stack([a, s, np.tanh(s / shape[0])]), w))
 
 

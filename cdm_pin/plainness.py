@@ -30,8 +30,8 @@ FINER = {"stribeck_friction": PASSAGE, "cable_slack": 0.05}
 """Share by which a law may be wrong that is a special case of one named here; the stiffness of a spring varies."""
 WRONG = 0.1
 """Share of its torque by which no law is wrong."""
-PREFERENCE = 2.0
-"""By how much log-likelihood less a simpler law, dry friction above all, is named nevertheless."""
+PREFERENCE, DRY = 2.0, 1.0
+"""By how much log-likelihood less a simpler law is named nevertheless, and by how much less still dry friction is."""
 
 
 def plainer(explanation: Explanation, equal: float = 1.0) -> Explanation:
@@ -116,7 +116,7 @@ def _simplest_at(explanation: Explanation, j: int, taken: frozenset[tuple[str, s
                 return c
         top = max(alike, key=lambda c: known[c.identity])
         worst = known[top.identity] - _within(search, top, statistic, PREFERENCE)
-        alike = [c for c in alike if known[c.identity] >= worst]
+        alike = [c for c in alike if known[c.identity] >= worst - DRY * (c.effect.name == "coulomb_friction")]
     rubs = "coulomb_friction" in best.effect.confounded
 
     def order(c: Candidate) -> tuple[int, bool, bool]:

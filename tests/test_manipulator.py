@@ -109,8 +109,8 @@ BAD = [
     (("pulleys", "link_pulley_offset"), 0.13, "pulleys: the cable cannot reach"),
     (
         ("pulleys", "link_pulley_distance"),
-        0.31,
-        "pulleys.link_pulley_distance, links[1].length: 0.31 m is longer",
+        0.61,
+        "pulleys.link_pulley_distance, links[1].length: 0.61 m is longer",
     ),
     (("pulleys", "motor_radius"), 0.1, "pulleys: unknown key 'motor_radius'; did you mean 'motor_pulley_radius'?"),
     (("pretension",), -1.0, "pretension: must be at least 0"),
