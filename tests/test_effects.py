@@ -12,6 +12,7 @@ from cdm_pin.base import base_parameters
 from cdm_pin.cable_effects import _entry
 from cdm_pin.candidates import Candidate, loaded, torque_of
 from cdm_pin.completed import added_torque, effect_candidates, find_place
+from cdm_pin.dynamics import joint_wrenches
 from cdm_pin.effects import CATALOGUE, DRAGS
 from cdm_pin.errors import ManipulatorError
 from cdm_pin.friction_effects import creeping, dahl, maxwell
@@ -154,6 +155,28 @@ def test_joint_friction_enters_by_virtual_work(arm):
     expected = 2.0 * motion.v[:, [1]] * arm.joint_from_motor[1]
     assert np.allclose(added, expected, atol=1e-12)
     assert added[:, 0] == pytest.approx(-added[:, 1])
+
+
+def test_a_bearing_may_carry_the_links_alone(arm):
+    """Cables that pull on a hinge make most of its load; without them it is what the links ask for, and far less."""
+    motion, effect = make_motion(arm), CATALOGUE["load_dependent_friction"]
+    place = effect.places(arm)[-1]
+    shapes = effect.grid([motion], place)
+    assert [shape[1] for shape in shapes] == [0.0, 1.0]
+    all_of_it, links = (np.abs(effect.columns(motion, place, shape).along[0][0]) for shape in shapes)
+    moving = np.abs(motion.v[:, place.index[0]]) > 0.3
+    force = np.linalg.norm(joint_wrenches(arm, motion.q, motion.v, motion.a)[:, place.index[0], :3], axis=1)
+    assert np.allclose(links[moving], force[moving], rtol=0.02)
+    assert all_of_it[moving].mean() > 2.0 * links[moving].mean()
+
+
+def test_a_coupling_may_be_felt_by_the_motor_alone(arm):
+    """The friction is the same function of the same speed; only the other motors do not feel it."""
+    motion, effect = make_motion(arm), CATALOGUE["transmission_coupling"]
+    place = next(p for p in effect.places(arm) if p.index == (1, 0))
+    (both, w), (alone, own) = (effect.columns(motion, place, (0.01, 0.4, flag)).along for flag in (0.0, 1.0))
+    assert np.allclose(both[1:], alone[1:]) and not alone[0].any()
+    assert np.array_equal(own, np.eye(arm.n_motors)[1]) and np.allclose(w - own, 0.4 * arm.joint_from_motor[0])
 
 
 def test_exact_effects_of_the_rigid_body(arm):

@@ -7,7 +7,18 @@ import numpy as np
 import pytest
 from trials import loaded_trial, search_of
 
-from cdm_pin import asked, drifting, findings, plainness, pruning, resolved, significance, unexplained
+from cdm_pin import (
+    asked,
+    drifting,
+    findings,
+    plainness,
+    pruning,
+    resolved,
+    robust,
+    sensor_noise,
+    significance,
+    unexplained,
+)
 from cdm_pin import diagnose as diagnosis
 from cdm_pin.bank import all_candidates
 from cdm_pin.base import base_parameters, massive_columns
@@ -1181,3 +1192,26 @@ def test_a_reading_is_off_by_more_than_encoders_round(off, rounded):
     columns = [np.stack([np.zeros(50), np.sin(np.linspace(0.0, 6.0, 50))])[None]]
     search = SimpleNamespace(problem=problem, columns=lambda reading: columns)
     assert resolved._is_rounded(search, None, np.array([off])) == rounded
+
+
+def test_encoders_at_rest_are_off_by_the_same_for_long():
+    """What rounding leaves is a constant for as long as a joint rests, within half a step, and nothing in passing."""
+    x = np.concatenate([np.zeros(500), np.linspace(0.0, 1.0, 400), np.ones(500)])
+    step = 0.01
+    readings = np.round(x / step) * step
+    off = sensor_noise._at_rest(readings, step, np.random.default_rng(0))
+    assert np.ptp(off[:490]) == 0.0 and np.ptp(off[910:]) == 0.0
+    assert off[100] != off[-100] and np.all(np.abs(off) <= 0.5 * step)
+    assert not off[600:800].any()
+    assert not sensor_noise._at_rest(readings, 0.0, np.random.default_rng(0)).any()
+
+
+def test_what_rests_may_leave_is_no_evidence():
+    """The variance along an effect is that of the draws where it is surely more than that of the noise."""
+    rng = np.random.default_rng(0)
+    own = rng.normal(size=300)
+    unit = own / np.linalg.norm(own)
+    loud, quiet = (scale * rng.normal(size=(32, 1)) * unit for scale in (5.0, 0.5))
+    assert robust.at_rest(own, loud) == pytest.approx(25.0, rel=0.5)
+    assert robust.at_rest(own, quiet) == 0.0
+    assert robust.at_rest(own, np.zeros((0, 300))) == 0.0

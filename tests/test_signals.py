@@ -286,6 +286,33 @@ def test_wrong_nominal_rate_is_corrected():
     assert any("is 0.50 of the differentiated position" in n for n in stamped.notices)
 
 
+def test_filtered_velocities_tell_no_wrong_rate():
+    """A logger's own low-pass makes velocities smaller and late, the quicker the more; the clock is right."""
+    log = robot_log(rate=100.0)
+    v, late = np.array(log.channels["joint_velocity"]), 0.95
+    for k in range(1, len(v)):
+        v[k] = late * v[k - 1] + (1.0 - late) * v[k]
+    signals = prepare(Recording(log.time, dict(log.channels) | {"joint_velocity": v}))
+    assert signals.rate == pytest.approx(100.0)
+    assert any("lags it by" in n for n in signals.notices)
+
+
+def test_instants_that_motion_hides_stay_unsure():
+    """Where joints that move in jerks hide slow delays, these count as noise of positions; else nothing does."""
+    rng = np.random.default_rng(1)
+    t = np.arange(6000) / 200
+    late = 3e-4 * rng.normal(size=6000)
+
+    def q(t, jerky):
+        smooth = np.stack([np.sin(2.0 * t), 0.8 * np.cos(1.7 * t), 0.7 * np.sin(1.3 * t + 1.0)], axis=1)
+        shaken = np.stack([np.sin(2 * np.pi * (11.0 + k) * t) * np.sin(0.9 * t + k) for k in range(3)], axis=1)
+        return smooth + 2e-3 * jerky * shaken
+
+    plain, jerky = (sampling_instants(t, q(t + late, flag)) for flag in (0.0, 1.0))
+    assert plain[2] == 0.0
+    assert jerky[2] == pytest.approx(late.std(), rel=0.3)
+
+
 @pytest.mark.parametrize(("name", "other"), [("joint_position", "degrees"), ("joint_velocity", "radians")])
 def test_degrees_in_place_of_radians(name, other):
     """Degrees in positions or in velocities alone are an error that names the column."""
