@@ -22,7 +22,7 @@ from .signals_filters import differentiate, lowpass, resample_uniform, stretches
 LEAST = 2e-3  # of a step: what rows are off their stamps in the highest band, else there is nothing to put right
 SLOW = 0.1  # of a joint's speed (rms), below which it tells no displacement from what its encoder rounds
 EVEN = 0.2  # of the size of delays in a lower band (rms), that half of them have: a few starts and stops are the motion
-MATTERS = 6.0  # [Hz]: delays that are slower make little of accelerations
+MATTERS = 8.0  # [Hz]: delays that are slower make little of accelerations
 STUCK = 5  # rows: a longer run of equal rows is a stretch without data, a shorter one a logger that read too early
 
 
