@@ -384,15 +384,14 @@ def _has_torque(signals: Signals) -> bool:
 def _cutoff(model: CableModel, signals: Sequence[Signals]) -> float:
     """Choose a band in which the inertia torque of the encoders' noise stays below the noise of the torque.
 
-    Above it the columns of the rigid body carry noise of their own, which biases a least-squares fit. What instants are
-    unsure by limits accelerations alone.
+    Above it the columns of the rigid body carry noise of their own, which biases a least-squares fit.
     """
     limits = []
     for s in signals:
         if not _has_torque(s):
             limits.append(min(10.0, 0.2 * s.rate))
             continue
-        limits.append(np.clip(inertia_limit(model, replace(s, unsure=0.0)), 3.0, min(20.0, 0.3 * s.rate)))
+        limits.append(np.clip(inertia_limit(model, s), 3.0, min(20.0, 0.3 * s.rate)))
     return float(np.median(limits))
 
 
