@@ -262,6 +262,11 @@ def coupling_transitions(motion: Motion, place: Place, shape: Shape, scale: floa
     return transitions(motion.v_m[:, i] + shape[1] * motion.v[:, k], scale)
 
 
+def is_felt_by_joint(shape: Shape) -> bool:
+    """Whether a joint with which a motor turns feels what that motor does."""
+    return shape[2:] != (1.0,)
+
+
 def coupling_columns(motion: Motion, place: Place, shape: Shape) -> Columns:
     """Columns of inertia, drag and dry friction of a motor that turns with a joint at a ratio.
 
@@ -269,7 +274,7 @@ def coupling_columns(motion: Motion, place: Place, shape: Shape) -> Columns:
     the motor alone; inertia is felt by both.
     """
     i, k = place.index
-    both = shape[2:] != (1.0,)
+    both = is_felt_by_joint(shape)
     s = motion.v_m[:, i] + shape[1] * motion.v[:, k]
     a = both * (motion.a_m[:, i] + shape[1] * motion.a[:, k])
     w = np.eye(motion.model.n_motors)[i] + both * shape[1] * motion.model.joint_from_motor[k]

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .body_effects import spring_powers
+from .cable_effects import is_felt_by_joint
 from .effect import Columns, Effect, Place, Shape, speed_along, unbounded
 from .effect_shapes import sign_width
 from .effects import CATALOGUE, DRAGS, SHARING
@@ -313,7 +314,7 @@ def coupled_alike(model: CableModel, candidate: Candidate) -> list[dict[str, Any
     """
     E, eye, own = model.joint_from_motor, np.eye(model.n_motors), None
     if candidate.effect.name == "transmission_coupling":
-        if candidate.shape[2:] == (1.0,):
+        if not is_felt_by_joint(candidate.shape):
             return []
         own = candidate.place.index
         w = eye[own[0]] + candidate.shape[1] * E[own[1]]

@@ -18,7 +18,7 @@ from .masses import hidden
 from .motion import Motion
 from .recent import kept
 from .search import Search
-from .whitening import inside_of
+from .whitening import Segments, inside_of
 
 PUNCTUAL = 0.05
 """Share of the time between two samples by which it is not sure what instant one stands for."""
@@ -115,13 +115,20 @@ def rests(search: Search, fit: Fit) -> Vector:
     problem, rows = search.problem, []
     parts = zip(problem.runs, problem.segments, problem.data, problem.sensors.resting, strict=True)
     for run, inside, data, drawn in parts:
-        n = data.shape[2]
-        at = np.linspace(0.0, drawn.shape[2] - 1.0, n)  # thinned recordings may have a few samples more or less
-        own = drawn if drawn.shape[2] == n else interp1d(np.arange(drawn.shape[2]), drawn)(at)
-        if run.sure is not None and inside:
-            own = own - (1.0 - run.sure[:, None]) * inside_of(own, inside).mean(axis=-1, keepdims=True)
+        own, n = drawn, data.shape[2]
+        if drawn.shape[2] != n:  # thinned recordings may have a few samples more or less
+            own = interp1d(np.arange(drawn.shape[2]), drawn)(np.linspace(0.0, drawn.shape[2] - 1.0, n))
+        if run.sure is not None:
+            own = _as_counted(own, inside, run.sure[:, None])
         rows.append(np.concatenate([np.zeros((len(own), problem.n_channels - own.shape[1], n)), own], axis=1))
     return fit.rest(search.white(fit.whitener, rows))
+
+
+def _as_counted(travel: Vector, inside: Segments, sure: Vector | float) -> Vector:
+    """Take from travels in the band, (..., n), that share of their mean for which it does not count (`Run.sure`)."""
+    if not inside:
+        return travel
+    return travel - (1.0 - sure) * inside_of(travel, inside).mean(axis=-1, keepdims=True)
 
 
 @kept
@@ -201,8 +208,8 @@ def stretches(search: Search, fit: Fit) -> list[Vector]:
         i = candidate.place.index[0]
         for rows, rigid, run, inside in zip(out, search.rigid, problem.runs, problem.segments, strict=True):
             own = beta[0] / problem.model.arm_scale[i] * rigid[: search.n_bodies, i]
-            if run.sure is not None and inside:  # as far as the mean of a travel counts
-                own = own - (1.0 - run.sure[i]) * inside_of(own, inside).mean(axis=1, keepdims=True)
+            if run.sure is not None:
+                own = _as_counted(own, inside, run.sure[i])
             rows[: search.n_bodies, m + i] += own
     return out
 

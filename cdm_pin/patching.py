@@ -156,7 +156,8 @@ def renamed(explanation: Explanation) -> Explanation:
             continue
         near = [c for c, d in found.rivals if c.named and d > -_nearly(found.gain)][:2]
         if found.score.statistic > STRONG:  # what is left open of a law may also spoil it
-            near = [form for c in near for form in (c.detailed(explanation.search.problem.motions), c)]
+            forms = [(c, c.detailed(explanation.search.problem.motions)) for c in near]
+            near = [form for c, free in forms for form in ((c,) if free is c else (free, c))]
         for law in near:
             search, laws = settled(explanation.search, [*accepted[:j], law, *accepted[j + 1 :]], rounds=4)
             bank, without = search.renewed(explanation.bank), search.without(search.fit(laws), j)

@@ -19,7 +19,7 @@ from .model import CableModel
 from .motion import Felt, Motion
 from .recording import Recording
 from .regressor import motor_regressor
-from .sensor_noise import SensorNoise, inertia_limit, inertia_noise, motion_limit, position_noise, travel_noise
+from .sensor_noise import SensorNoise, inertia_limit, inertia_noise, motion_limit, position_noise, speeds, travel_noise
 from .signals import Signals, decimated, prepare, read_grid
 from .signals_filters import differentiate, lowpass
 from .whitening import Lines, Segments
@@ -426,7 +426,7 @@ def _sure_of_mean(model: CableModel, signals: Signals) -> Vector:
 
 def _sharp(model: CableModel, signals: Signals, q: Vector, share: float = 0.01) -> float:
     """Find the widest band [Hz] in which the noise of velocity stays below a share of the velocity."""
-    v = np.sqrt(np.mean(differentiate(lowpass(q, signals.rate, 0.05 * signals.rate), signals.rate) ** 2, axis=0))
+    v = speeds(q, signals.rate)
     noise = position_noise(model, signals)
     moving = v > 1e-4
     if not moving.any():

@@ -71,9 +71,10 @@ def _in_bursts(search: Search, fit: Fit, candidate: Candidate) -> Score:
     """
     W = search.white(fit.whitener, search.columns(candidate))
     X, Z = fit.rest(W), np.concatenate([offsets(search, fit), unsure_stretches(search, fit)])
+    travels = _is_travel(search, candidate)
     if candidate.effect.name in OF_TIME:  # it looks like a drift for a while
         Z = np.concatenate([Z, quicker_drifts(search, fit)])
-    if _is_travel(search, candidate):
+    if travels:
         Z = np.concatenate([Z, lags(search, fit)])
     if candidate.effect.name == "rotor_inertia":
         Z = np.concatenate([Z, sides(search, fit)])
@@ -89,7 +90,7 @@ def _in_bursts(search: Search, fit: Fit, candidate: Candidate) -> Score:
     rest = fit.residual - own
     rest = rest - (room @ (Z @ rest)) @ Z
     worst = bursts(own, rest)
-    if _is_travel(search, candidate):
+    if travels:
         worst = max(worst, at_rest(own, rests(search, fit)))
     if candidate.effect.name == "external_torque":  # by chance noise may be small for as long as it lasts
         width = round((candidate.shape[1] - candidate.shape[0]) * search.problem.band.reduced_rate)

@@ -182,10 +182,12 @@ def position_noise(model: CableModel, signals: Signals) -> Vector:
     """
     q, steps = both_positions(model, signals.logged)[0], _joint_steps(model, signals)
     own = np.maximum(noise_floor(q, signals.rate, steps=steps), 1e-9)
-    if not signals.unsure:
-        return own
-    v = differentiate(lowpass(q, signals.rate, 0.05 * signals.rate), signals.rate)
-    return np.hypot(own, signals.unsure * np.sqrt(np.mean(v**2, axis=0)))
+    return np.hypot(own, signals.unsure * speeds(q, signals.rate)) if signals.unsure else own
+
+
+def speeds(q: Vector, rate: float) -> Vector:
+    """Root mean square of the velocities of positions, shape (n, n_joints), without what is quick: (n_joints,)."""
+    return np.sqrt(np.mean(differentiate(lowpass(q, rate, 0.05 * rate), rate) ** 2, axis=0))
 
 
 def _joint_steps(model: CableModel, signals: Signals) -> Vector:

@@ -167,13 +167,12 @@ def read_grid(recording: Recording, model: Robot | None = None, *, repair_clock:
     steps = logged_steps(recording)
     notices = [*recording.notices, *clock.notices]
     stamps = clock.time[clock.keep]
-    if repair_clock:
-        factor = _clock_factor(recording, logged, rate)
-        if factor != 1.0:
-            notices.append(_wrong_rate(rate, factor))
-            time, stamps, rate = time * factor, stamps * factor, rate / factor
+    factor = _clock_factor(recording, logged, rate) if repair_clock else 1.0
+    if factor != 1.0:
+        notices.append(_wrong_rate(rate, factor))
+        time, stamps, rate = time * factor, stamps * factor, rate / factor
     noise = {name: noise_floor(x, rate, steps=steps[name]) for name, x in logged.items()}
-    return Grid(time, rate, logged, stamps, steps, noise, tuple(notices), clock.unsure)
+    return Grid(time, rate, logged, stamps, steps, noise, tuple(notices), clock.unsure * factor)
 
 
 def prepare(
