@@ -89,6 +89,7 @@ from .friction_effects import (
     torque_columns,
     viscous_columns,
     warming_columns,
+    warming_inverse,
     warming_physical,
     yields_early,
 )
@@ -319,16 +320,23 @@ CATALOGUE: dict[str, Effect] = {
         ),
         Effect(
             "friction_drift",
-            (Parameter("friction", _NM, 0.0), Parameter("extra", "1"), Parameter("time_constant", "s", 0.0)),
+            (
+                Parameter("friction", _NM, 0.0),
+                Parameter("extra", "1"),
+                Parameter("time_constant", "s", 0.0),
+                Parameter("viscous", "N m s/rad", 0.0),
+            ),
             axis_places,
             warming_columns,
             warming_physical,
             grid_of(one_width, lambda m, p: np.array([0.05, 0.15, 0.4, 1.0]) * m[0].time[-1]),
-            bounds_of(lambda m, p: (0.05 * m[0].time[-1], 3.0 * m[0].time[-1])),
+            bounds_of(
+                lambda m, p: (0.05 * m[0].time[-1], 3.0 * m[0].time[-1]), lambda m, p: (0.0, 10.0 / speed_scale(m, p))
+            ),
             (1, 0),
             confounded=("coulomb_friction",),
             revealed_by="a cold start, repeated warm",
-            inverse=lambda p: ([p["friction"], p["friction"] * p["extra"]], [p["time_constant"]]),
+            inverse=warming_inverse,
             reference=_FRICTION,
             nuisance_shape=1,
             plausible=brakes_at_start,

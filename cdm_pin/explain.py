@@ -14,7 +14,7 @@ from .growing import grow
 from .leftover import tones
 from .patching import beside_looser, has_a_name, patch, renamed, unpatched
 from .plainness import peaked, peakless, plainer, simplest
-from .pruning import coupled, prune, pruned
+from .pruning import coupled, prune, pruned, warmed
 from .search import Search
 from .settling import settled
 
@@ -84,6 +84,6 @@ def explain(
             search, accepted = settled(there, prune(there, more))
     search, accepted = unpatched(search, bank, accepted)
     explanation = plainer(renamed(explained(search, search.renewed(bank), accepted)))
-    explanation = coupled(pruned(peakless(peaked(simplest(explanation)))))
+    explanation = coupled(pruned(warmed(peakless(peaked(simplest(explanation))))))
     say.looked(explanation.fit)
     return explanation

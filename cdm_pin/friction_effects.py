@@ -273,9 +273,15 @@ def hysteresis_bounds(motions: Sequence[Motion], place: Place) -> list[tuple[flo
     return [(0.003 * r, 1.0 * r), (0.0, 1.0)]
 
 
+DRAG = 2
+"""Where friction that drifts has its drag over its dry friction [s/rad] in its shape, if there is any."""
+
+
 def warming_columns(motion: Motion, place: Place, shape: Shape) -> Columns:
-    """Columns of dry friction and of its excess while cold: sign(s'), sign(s') exp(-t/T)."""
+    """Columns of friction f and of its excess while cold: f, f exp(-t/T), f = sign(s') + D s' where drag drifts too."""
     s = _sign(motion, place, shape)
+    if len(shape) > DRAG:
+        s = s + shape[DRAG] * place.along(motion.v, motion.motor_speeds)
     return acting(motion, place, s, s * np.exp(-motion.time / shape[1]))
 
 
@@ -325,12 +331,20 @@ def hysteresis_physical(beta: Vector, shape: Shape) -> dict[str, float]:
 
 
 def warming_physical(beta: Vector, shape: Shape) -> dict[str, float]:
-    """Tell the level once warm, the share more while cold, and how long that takes."""
+    """Tell the level once warm, the share more while cold, and how long that takes; and of drag that does the same."""
+    drag = {"viscous": float(beta[0]) * shape[DRAG]} if len(shape) > DRAG else {}
     return {
         "friction": float(beta[0]),
         "extra": float(beta[1] / beta[0]) if beta[0] else 0.0,
         "time_constant": shape[1],
+        **drag,
     }
+
+
+def warming_inverse(p: dict[str, float]) -> tuple[list[float], list[float]]:
+    """Invert `warming_physical`."""
+    drag = [p["viscous"] / p["friction"]] if p.get("viscous") and p["friction"] else []
+    return [p["friction"], p["friction"] * p["extra"]], [p["time_constant"], *drag]
 
 
 def position_inverse(p: dict[str, float]) -> tuple[list[float], list[float]]:

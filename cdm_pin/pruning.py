@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from .candidates import Candidate
 from .explanation import Explanation, explained, with_effects
 from .fit import Fit, own_covariance
+from .friction_effects import DRAG
 from .likelihood import has_ratio, likelihood
 from .search import Search
 from .settling import settled
@@ -53,6 +56,24 @@ def still_standing(explanation: Explanation) -> Explanation:
 
     kept = [candidate for j, candidate in enumerate(effects) if stands(j, candidate)]
     return explanation if len(kept) == len(effects) else explained(search, explanation.bank, kept)
+
+
+def warmed(explanation: Explanation) -> Explanation:
+    """Let drag drift with the dry friction of its place where that is likelier than drag that stays as it is."""
+    search, accepted = explanation.search, [f.candidate for f in explanation.found]
+    for j, drift in enumerate(accepted):
+        if drift.effect.name != "friction_drift" or len(drift.shape) > DRAG:
+            continue
+        for k, drag in enumerate(accepted):
+            if drag.effect.name != "viscous_friction" or drag.place.location != drift.place.location:
+                continue
+            ratio = float(explanation.fit.beta[k][0] / max(explanation.fit.beta[j][0], 1e-300))
+            both = replace(drift, shape=(*drift.shape, max(ratio, 0.0)))
+            trial = [both if c is drift else c for c in accepted if c is not drag]
+            there, laws = settled(search, trial, rounds=6)
+            if likelihood(there, laws) > likelihood(search, accepted):
+                return warmed(explained(there, there.renewed(explanation.bank), laws))
+    return explanation
 
 
 def coupled(explanation: Explanation) -> Explanation:

@@ -57,7 +57,7 @@ _CLAUSES = {
     "hysteresis": "{place} gives before it slips: hysteresis of {limit}[ behind a stiffness of {stiffness}]",
     "tension_hysteresis": "{place} holds on to the torque it carried: hysteresis of {limit}, memory in tension",
     "friction_drift": "{place} starts with {extra:%} more friction than it settles to[, with a time constant of "
-    "{time_constant}]",
+    "{time_constant}][, its drag of {viscous} with it]",
     "joint_spring": "{place} is pulled by a spring of {stiffness}[ towards {rest}]",
     "spring_away": "{place} is pushed away[ from {rest}] by a spring of {stiffness}",
     "spring_that_stiffens": "{place} is pulled by a spring that stiffens, {cubic}",

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.signal import savgol_filter
 from trials import written_trial
 
 from cdm_pin.band import make_band
@@ -133,6 +134,21 @@ def test_a_line_above_the_band_is_said_and_placed(tmp_path):
     assert content["verdict"] == "unexplained"
     assert content["unexplained"]["location"] == {"kind": "joint", "index": 2}
     assert "6.3 Hz" in content["unexplained"]["region"]
+
+
+def test_drag_that_drifts_with_dry_friction_is_one_effect(tmp_path):
+    """Dry friction and drag on joint 2 that both start 90 % higher: one friction that drifts, its drag with it."""
+    model, runs, unseen, _, _ = blind(tmp_path, 11, 0, positions="joint", bits=17, noise="white")
+    warmed = []
+    for run in (*runs, *unseen):
+        v = np.gradient(savgol_filter(run.channels["joint_position"][:, 1], 31, 3), run.time)
+        friction = (0.2 * np.tanh(v / 0.02) + 0.3 * v) * (1.0 + 0.9 * np.exp(-(run.time - run.time[0]) / 8.0))
+        torque = {"motor_torque": run.channels["motor_torque"] + friction[:, None] * model.joint_from_motor[1]}
+        warmed.append(Recording(run.time, run.channels | torque, label=run.label))
+    (finding,) = diagnose(model, warmed[:-1], warmed[-1:]).content["findings"]
+    assert (finding["effect"], finding["location"]) == ("friction_drift", {"kind": "joint", "index": 2})
+    for name, true in {"friction": 0.2, "extra": 0.9, "time_constant": 8.0, "viscous": 0.3}.items():
+        assert finding["parameters"][name]["value"] == pytest.approx(true, rel=0.15)
 
 
 def test_little_data_is_not_bad_input(dry):
