@@ -22,7 +22,7 @@ from .likelihood import evidence, likeliest
 from .model import CableModel
 from .motion import Motion
 from .patches import MISREAD
-from .places import parallel, twin_places
+from .places import kinds_of, parallel, twin_places
 from .search import Search
 from .shapes import refine, shape_slopes
 from .units import unit_at
@@ -383,7 +383,7 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
         if len(out) < 3 and entry not in out:
             out.append(entry)
 
-    kinds = {place.location["kind"] for place in effect.places(search.problem.model)}
+    kinds = kinds_of(effect.places, search.problem.model)
     if not any(c.effect.follows for c in explanation.fit.effects):  # the map is right, then: what turns alike is one
         for twin in twin_places(search.problem.model, found.candidate.place):
             if twin.location["kind"] in kinds:

@@ -17,7 +17,7 @@ from .leftover import clear_noise
 from .likelihood import gain
 from .masses import about
 from .model import CableModel
-from .places import twin_places
+from .places import kinds_of, twin_places
 from .polishing import is_provisional, polish
 from .search import Search
 from .settling import in_turn
@@ -112,7 +112,7 @@ def _elsewhere(candidate: Candidate, model: CableModel) -> list[Candidate]:
     known = at_known_place(candidate, model, NEARLY_PARALLEL)
     if candidate.place.is_pair:
         return [known] if known is not candidate else []
-    kinds = {place.location["kind"] for place in candidate.effect.places(model)}
+    kinds = kinds_of(candidate.effect.places, model)
     twins = twin_places(model, candidate.place) if len(candidate.place.index) == 1 else []
     laws = [replace(candidate, place=twin) for twin in twins if twin.location["kind"] in kinds]
     others = [CATALOGUE[name] for name in DRAGS if name != candidate.effect.name and candidate.effect.name in DRAGS]

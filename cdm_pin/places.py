@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -58,6 +58,12 @@ def all_motor_places(model: CableModel) -> list[Place]:
     nj, nm = model.n_joints, model.n_motors
     aliases = [({"kind": "cable", "index": i + 1, "link": 0},) if model.manipulator.links else () for i in range(nm)]
     return [Place({"kind": "motor", "index": i + 1}, (0.0,) * nj, _unit(nm, i), (i,), aliases[i]) for i in range(nm)]
+
+
+def kinds_of(places: Callable[[CableModel], list[Place]], model: CableModel) -> set[str]:
+    """Give the kinds of places of an effect: what may sit at joints and motors is of both, where these are one, too."""
+    kinds = {str(place.location["kind"]) for place in places(model)}
+    return kinds | {"motor"} if "joint" in kinds and places not in (joint_places, own_joint_places) else kinds
 
 
 def twin_places(model: CableModel, place: Place) -> list[Place]:
