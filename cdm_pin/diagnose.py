@@ -701,6 +701,7 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
         spread = covariance[np.ix_(where[j], where[j])]
         values = fi.parameters(found.candidate, fit.beta[j], spread)
         known = fi.is_known(values, found.candidate, fit.beta[j], spread)
+        known = known and (explanation.everywhere or fi.is_lawful(fit, j))
         sure = known and fi.is_admissible(found.candidate.effect, values) and found.gain >= 5.0
         if sure and fi.is_above_steps(search, found.candidate, values):
             stated[j] = values
@@ -731,7 +732,8 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
             if unexplained is not None:
                 stated = {j: v for j, v in stated.items() if _carries(judge or search, explanation, j)}
         if unexplained is None and named and not stated:
-            unexplained = of_no_size(explanation, fi.unsized(explanation))
+            unsure = [j for j in fi.unsized(explanation) if fi.is_above_steps(search, fit.effects[j], fitted[j])]
+            unexplained = of_no_size(explanation, unsure)
         if disputed and unexplained is None:
             unexplained = nameless(explanation, only_loud=True)
             if unexplained is not None:  # nor can what happens once be confirmed then

@@ -14,6 +14,7 @@ from .growing import grow
 from .leftover import tones
 from .patching import beside_looser, has_a_name, patch, renamed, unpatched
 from .plainness import peaked, peakless, plainer, simplest
+from .polishing import all_late
 from .pruning import coupled, prune, pruned, warmed
 from .search import Search
 from .settling import settled
@@ -74,6 +75,7 @@ def explain(
             search, accepted = law
             bank = search.renewed(bank)
     say("rivals", 0.9)
+    search, accepted = all_late(search, accepted)
     kept = prune(search, accepted)
     left = unnamed(search, search.renewed(bank), kept) if len(kept) < len(accepted) else None
     search, accepted = settled(search, kept if left is None else [*kept, left])  # two may have hidden each other

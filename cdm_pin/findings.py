@@ -23,7 +23,7 @@ from .model import CableModel
 from .motion import Motion
 from .patches import MISREAD
 from .places import kinds_of, parallel, twin_places
-from .search import Search
+from .search import Search, rms
 from .shapes import refine, shape_slopes
 from .units import unit_at
 from .unseen import beside, stacked
@@ -236,6 +236,8 @@ EQUAL = 0.9999
 """Canonical correlation of dry friction with what is dry friction on these data."""
 ROUNDED = ("encoder_offset", "backlash")
 """What encoders that round may look like."""
+MAPS, ROUNDS = ("transmission_ratio_error", "pulley_eccentricity"), 0.03
+"""Effects that move encoders through many steps, and the share of a step (rms) that rounding may then bring."""
 LISTED = 5.0
 """Difference of log-likelihood below which a rival is listed: noise spectra are estimates, small sums lean on them."""
 HIDDEN = 0.3
@@ -272,15 +274,25 @@ SHAPES = (
 
 
 def unsized(explanation: Explanation) -> list[int]:
-    """List the findings with a name of which no parameter that says how large they are is known (`is_known`)."""
+    """List the findings with a name of which no parameter that says how large they are is known (`is_known`).
+
+    Nor is one that is no such law as it was found.
+    """
     fit, out = explanation.fit, []
     covariance, betas, shapes = joint_covariance(explanation.search, fit)
     for j, candidate in enumerate(f.candidate for f in explanation.found):
         index = np.r_[betas[j], shapes[j]]
         spread = covariance[np.ix_(index, index)]
-        if candidate.named and not is_known(parameters(candidate, fit.beta[j], spread), candidate, fit.beta[j], spread):
+        known = is_known(parameters(candidate, fit.beta[j], spread), candidate, fit.beta[j], spread)
+        if candidate.named and not (known and is_lawful(fit, j)):
             out.append(j)
     return out
+
+
+def is_lawful(fit: Fit, j: int) -> bool:
+    """Whether effect `j` of a fit is no peak of friction at standstill on next to none while it slides."""
+    candidate = fit.effects[j]
+    return candidate.effect.name != "stribeck_friction" or candidate.is_plausible(fit.beta[j])
 
 
 def is_known(
@@ -335,8 +347,14 @@ def sizes_in_errors(values: dict[str, dict[str, Any]]) -> dict[str, float]:
 def is_above_steps(search: Search, candidate: Candidate, values: dict[str, dict[str, Any]]) -> bool:
     """Whether an encoder's offset, or a play, is more than the encoders that were logged have, as they round.
 
-    Encoders on both sides of a play show less: it follows the load, no rounding does (`doubts.lags`).
+    Encoders on both sides of a play show less: it follows the load, no rounding does (`doubts.lags`). A wrong map moves
+    them through many steps, which round to either side; but not alike, where a motion is over again.
     """
+    if candidate.effect.name in MAPS and search.problem.kinematic:
+        m, step = search.problem.model.n_motors, search.problem.steps_at(candidate.place.index[-1])
+        beta = candidate.effect.coefficients({name: v["value"] for name, v in values.items()})[0]
+        travel = rms(search, [np.tensordot(beta, x[: len(beta)], 1) for x in search.columns(candidate)])[-m:]
+        return float(travel.max()) > ROUNDS * step
     if candidate.effect.name not in ROUNDED or (candidate.effect.name == "backlash" and search.problem.kinematic):
         return True
     size = values[candidate.effect.size.name]

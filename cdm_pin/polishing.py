@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from .bank import Bank
 from .candidates import Candidate
+from .effects import DRAGS
 from .leaders import best_of, leading, same_width
 from .leftover import clear_noise
-from .likelihood import gain
+from .likelihood import gain, likelihood
 from .masses import about
+from .places import delay_places
 from .search import Search
+from .settling import settled
 from .shapes import refine
 from .significance import from_errors_of_laws, passes
 from .whitening import Whitener
@@ -44,6 +48,24 @@ def polish(search: Search, bank: Bank, accepted: list[Candidate], rounds: int = 
         if _leans_on(search, whitener, before, accepted):
             return before
     return accepted
+
+
+def all_late(search: Search, accepted: list[Candidate]) -> tuple[Search, list[Candidate]]:
+    """Let the whole logger be late in the place of those motors that were found to be, where that is likelier.
+
+    What a delay brings at other motors may have passed for drag.
+    """
+    late = [c for c in accepted if c.effect.name == "time_delay" and c.location["kind"] == "motor"]
+    if not late:
+        return search, accepted
+    others, best = [c for c in accepted if c not in late], likelihood(search, accepted)
+    logger = replace(late[0], place=delay_places(search.problem.model)[0])
+    logger = refine(search, search.fit(others), logger, 3)[0]
+    for beside in ([c for c in others if c.effect.name not in DRAGS], others):
+        there, laws = settled(search, [*beside, logger], rounds=4)
+        if likelihood(there, laws) > best:
+            return there, laws
+    return search, accepted
 
 
 def is_provisional(before: Sequence[Candidate], after: Sequence[Candidate]) -> bool:

@@ -40,6 +40,10 @@ FAR = 5.0
 """What is left over the noise of the sensors that no noise of theirs is."""
 HALF = 0.5
 """Share of how far zeros may walk that a residual is nothing below."""
+ALIKE, TOGETHER = 1.2, 1.5
+"""How many times the noise a residual has to be in training and in unseen recordings, and in the (geometric) mean."""
+EVIDENTLY = 2.0
+"""How many times the least residual that is too large one is that need not follow the state."""
 PEAK, ROUNDER = 30.0, 10.0
 """Power of a residual at some frequency over that at a lower one, alone and beside smooth functions of the state, that
 noise has of no sensor, unless what encoders make of accelerations is most of it."""
@@ -161,7 +165,7 @@ def beyond_floor(search: Search, judge: Search | None, explanation: Explanation)
     The second value is how large it is, as a sum of squares in units of the noise. Corrections without a name see
     torques only, so where there is travel alone less may be left without a word. On unseen recordings shapes may be
     others: those of the training need not tell them well, such as how friction rises at speeds that it hardly has.
-    Where zeros may walk, half of how far they may is no more than that.
+    Where both are above it, less is enough. Where zeros may walk, half of how far they may is no more than that.
     """
     limit = 2.0 if search.problem.torque else 1.5
     fit, both = explanation.fit, [search] if judge is None else [search, judge]
@@ -171,17 +175,21 @@ def beyond_floor(search: Search, judge: Search | None, explanation: Explanation)
     floors = [_floor(there, fit, least) for there in both]
     ratios = np.divide(rests, floors)
     rest, ratio = rests[0], np.maximum(np.min(ratios, axis=0), 0.5 * ratios[-1] * (judge is not None))
-    worst = int(np.argmax(ratio))
-    if not search.problem.segments or ratio[worst] < limit or not follows_state(search, fit):
+    mean = np.where((np.min(ratios, axis=0) > ALIKE) & (judge is not None), np.sqrt(ratios[0] * ratios[-1]), 0.0)
+    large = np.maximum(ratio / limit, mean / TOGETHER)
+    worst = int(np.argmax(large))
+    follows = large[worst] > EVIDENTLY or follows_state(search, fit)
+    if not search.problem.segments or large[worst] < 1.0 or not follows:
         return None, 0.0
     m = search.problem.model.n_motors
     unsure = HALF * most_drift(search)[worst] if search.problem.torque and worst < m else 0.0
-    if rest[worst] < unsure and walking_noise(search, fit) is not None:
+    if max(own[worst] for own in rests) < unsure and walking_noise(search, fit) is not None:
         return None, 0.0
     motor = worst % m + 1
-    words = f"the error of motor {motor} is {ratio[worst]:.1f} times its noise, in no shape that was tried"
+    times = max(float(ratio[worst]), float(mean[worst]))
+    words = f"the error of motor {motor} is {times:.1f} times its noise, in no shape that was tried"
     samples = fit.n_rows / search.problem.n_channels
-    return something("motor", motor, words, float(rest[worst])), float(ratio[worst] ** 2 - 1) * samples
+    return something("motor", motor, words, float(rest[worst])), (times**2 - 1) * samples
 
 
 def is_far(search: Search, fit: Fit) -> bool:
