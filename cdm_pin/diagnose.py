@@ -721,9 +721,7 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
     else:
         unexplained, excess = beyond_floor(search, judge, explanation)
         if unexplained is not None and not explanation.everywhere:
-            motor = unexplained["location"]["index"]
-            sure = [j for j in stated if fi.outweighs(model, explanation.found[j], motor, excess)]
-            stated = {j: stated[j] for j in sure}
+            stated = _outweighing(model, explanation, stated, unexplained, excess)
         if explanation.everywhere:
             unexplained = nameless(explanation) or unexplained
         unexplained = unexplained or moving_torque(search, fit) or wandering_travel(search, fit)
@@ -743,6 +741,10 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
                 stated = {j: v for j, v in stated.items() if explanation.found[j].candidate.location != place}
     if unexplained is None and not stated:
         unexplained = swinging_torque(search, fit) or bursting_torque(search, judge, fit)
+    if unexplained is None and not explanation.everywhere:
+        unexplained, excess = beyond_floor(search, judge, explanation, shared=True)
+        if unexplained is not None:
+            stated = _outweighing(model, explanation, stated, unexplained, excess)
     for j, values in stated.items():
         stated[j] = fi.with_law_errors(search, fit, j, covariance, where[j], values)
     lasting = [j for j in stated if fit.effects[j].effect.name not in ONCE]
@@ -799,6 +801,14 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
     return Diagnosis(
         content, search.problem.model, completed, explanation, search, judge, replays, experiment, tuple(stated)
     )
+
+
+def _outweighing(
+    model: CableModel, explanation: Explanation, stated: dict[int, Any], unexplained: dict[str, Any], excess: float
+) -> dict[int, Any]:
+    """Keep of findings, by their number, those that are sure beside what is left at a motor without a name."""
+    motor = unexplained["location"]["index"]
+    return {j: v for j, v in stated.items() if fi.outweighs(model, explanation.found[j], motor, excess)}
 
 
 def _unresolved(explanation: Explanation, items: Mapping[int, dict[str, Any]]) -> list[tuple[int, Candidate]]:

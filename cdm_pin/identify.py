@@ -28,6 +28,10 @@ from .workers import Workers
 Estimator = Literal["weighted", "ordinary", "robust", "consistent"]
 
 
+INDEFINITE = 1e-9
+"""Most that an eigenvalue of a correlation may be below zero, as computed."""
+
+
 @dataclass(frozen=True)
 class Identification:
     """Identified parameters, and what they rest on.
@@ -257,7 +261,10 @@ def _standard(
             return _placed(model, massive, exact), fit
     std = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
     correlation = covariance / np.outer(std, std)
-    information = np.linalg.pinv(correlation, rcond=1e-10, hermitian=True) / np.outer(std, std)
+    if np.linalg.eigvalsh(correlation)[0] > -INDEFINITE:
+        information = np.linalg.pinv(correlation, rcond=1e-10, hermitian=True) / np.outer(std, std)
+    else:  # parameters that hardly differ: the corrections of their errors have left no covariance to invert
+        information = fit.information * min(1.0, float(np.median(np.diag(fit.white_covariance) / std**2)))
     standard = consistent_standard(matrix, fit.values, information, prior, nonnegative=signs, prior_weight=prior_weight)
     standard = _placed(model, massive, standard)
     if estimator == "consistent":

@@ -42,6 +42,8 @@ HALF = 0.5
 """Share of how far zeros may walk that a residual is nothing below."""
 ALIKE, TOGETHER = 1.2, 1.5
 """How many times the noise a residual has to be in training and in unseen recordings, and in the (geometric) mean."""
+LEAVES = 0.05
+"""Share (of squares) of what a law explains that its errors may leave."""
 EVIDENTLY = 2.0
 """How many times the least residual that is too large one is that need not follow the state."""
 PEAK, ROUNDER = 30.0, 10.0
@@ -159,13 +161,16 @@ def nameless(explanation: Explanation, only_loud: bool = False) -> dict[str, Any
     return at_corrections(replace(explanation, found=(*explanation.found, found), fit=fit), [found])
 
 
-def beyond_floor(search: Search, judge: Search | None, explanation: Explanation) -> tuple[dict[str, Any] | None, float]:
+def beyond_floor(
+    search: Search, judge: Search | None, explanation: Explanation, *, shared: bool = False
+) -> tuple[dict[str, Any] | None, float]:
     """Say where a residual is left that no correction describes either; None where it is near the floor.
 
     The second value is how large it is, as a sum of squares in units of the noise. Corrections without a name see
     torques only, so where there is travel alone less may be left without a word. On unseen recordings shapes may be
     others: those of the training need not tell them well, such as how friction rises at speeds that it hardly has.
-    Where both are above it, less is enough. Where zeros may walk, half of how far they may is no more than that.
+    Where zeros may walk, half of how far they may is no more than that. Of what both have in common, if `shared`, less
+    is enough, and what is far too large need not follow the state.
     """
     limit = 2.0 if search.problem.torque else 1.5
     fit, both = explanation.fit, [search] if judge is None else [search, judge]
@@ -175,10 +180,14 @@ def beyond_floor(search: Search, judge: Search | None, explanation: Explanation)
     floors = [_floor(there, fit, least) for there in both]
     ratios = np.divide(rests, floors)
     rest, ratio = rests[0], np.maximum(np.min(ratios, axis=0), 0.5 * ratios[-1] * (judge is not None))
-    mean = np.where((np.min(ratios, axis=0) > ALIKE) & (judge is not None), np.sqrt(ratios[0] * ratios[-1]), 0.0)
+    common = (np.min(ratios, axis=0) > ALIKE) & (shared and judge is not None)
+    if np.any(common) and fit.effects:  # strong laws that are a little wrong leave some of themselves
+        before = left_over(search, (), smooth=False)[1].rms / floors[0]
+        common &= ratios[0] ** 2 - 1.0 > LEAVES * (before**2 - 1.0)
+    mean = np.where(common, np.sqrt(ratios[0] * ratios[-1]), 0.0)
     large = np.maximum(ratio / limit, mean / TOGETHER)
     worst = int(np.argmax(large))
-    follows = large[worst] > EVIDENTLY or follows_state(search, fit)
+    follows = (common[worst] and large[worst] > EVIDENTLY) or follows_state(search, fit)
     if not search.problem.segments or large[worst] < 1.0 or not follows:
         return None, 0.0
     m = search.problem.model.n_motors

@@ -19,6 +19,7 @@ from cdm_pin.friction_effects import creeping, dahl, maxwell
 from cdm_pin.manipulator import parse_manipulator, with_effects
 from cdm_pin.model import build_model, load_model
 from cdm_pin.motion import Motion
+from cdm_pin.places import kinds_of
 from cdm_pin.sensor_effects import delayed
 from cdm_pin.signals_filters import differentiate
 
@@ -391,6 +392,20 @@ def test_wrong_effects_are_refused(arm, record, words):
     """A misspelt effect or parameter is an error that names the nearest known one."""
     with pytest.raises(ManipulatorError, match=words):
         effect_candidates(build_model(with_effects(arm.manipulator, (record,))))
+
+
+def test_what_sits_at_joints_and_motors_is_of_both_where_these_are_one():
+    """With a motor for each joint no motor is a place of its own, but friction may be said of it; a spring may not."""
+    model = SimpleNamespace(
+        n_joints=2,
+        n_motors=2,
+        joint_from_motor=np.diag([0.3, 0.2]),
+        manipulator=SimpleNamespace(links=(), pulleys=None),
+    )
+    kinds = {name: kinds_of(CATALOGUE[name].places, model) for name in ("coulomb_friction", "joint_spring")}
+    assert "motor" not in {place.location["kind"] for place in CATALOGUE["coulomb_friction"].places(model)}
+    assert kinds["coulomb_friction"] >= {"joint", "motor"}
+    assert kinds["joint_spring"] == {"joint"}
 
 
 def test_bearings_that_turn_alike_but_carry_different_torques_are_two_places():
