@@ -701,8 +701,8 @@ def _report(model: CableModel, judge: Search | None, explanation: Explanation, d
         spread = covariance[np.ix_(where[j], where[j])]
         values = fi.parameters(found.candidate, fit.beta[j], spread)
         known = fi.is_known(values, found.candidate, fit.beta[j], spread)
-        known = known and (explanation.everywhere or fi.is_lawful(fit, j))
-        sure = known and fi.is_admissible(found.candidate.effect, values) and found.gain >= 5.0
+        lawful = explanation.everywhere or fi.is_lawful(fit, j)
+        sure = known and lawful and fi.is_admissible(found.candidate.effect, values) and found.gain >= 5.0
         if sure and fi.is_above_steps(search, found.candidate, values):
             stated[j] = values
         fitted[j] = values

@@ -128,6 +128,8 @@ SHARING = ("asymmetric_friction", "position_dependent_friction", "friction_drift
 """Refinements of dry friction that another law at their place may have the dry part of."""
 DRAGS = ("viscous_friction", "quadratic_drag")
 """Powers of speed that pass for each other beside dry friction."""
+MAPS = ("transmission_ratio_error", "pulley_eccentricity")
+"""Errors of the cable map."""
 CATALOGUE: dict[str, Effect] = {
     effect.name: effect
     for effect in (

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from .candidates import SWUNG, Candidate, coupled_alike
 from .drifting import own_drifts
 from .effect import Columns, Effect
-from .effects import CATALOGUE
+from .effects import CATALOGUE, MAPS
 from .explanation import Explanation, Found
 from .fit import Fit, own_covariance
 from .geometry import Vector
@@ -236,8 +236,8 @@ EQUAL = 0.9999
 """Canonical correlation of dry friction with what is dry friction on these data."""
 ROUNDED = ("encoder_offset", "backlash")
 """What encoders that round may look like."""
-MAPS, ROUNDS = ("transmission_ratio_error", "pulley_eccentricity"), 0.03
-"""Effects that move encoders through many steps, and the share of a step (rms) that rounding may then bring."""
+ROUNDS = 0.03
+"""Share of a step (rms) that rounding may bring where encoders move through many of them."""
 LISTED = 5.0
 """Difference of log-likelihood below which a rival is listed: noise spectra are estimates, small sums lean on them."""
 HIDDEN = 0.3

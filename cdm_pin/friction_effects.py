@@ -273,15 +273,15 @@ def hysteresis_bounds(motions: Sequence[Motion], place: Place) -> list[tuple[flo
     return [(0.003 * r, 1.0 * r), (0.0, 1.0)]
 
 
-DRAG = 2
+DRAG_RATIO = 2
 """Where friction that drifts has its drag over its dry friction [s/rad] in its shape, if there is any."""
 
 
 def warming_columns(motion: Motion, place: Place, shape: Shape) -> Columns:
     """Columns of friction f and of its excess while cold: f, f exp(-t/T), f = sign(s') + D s' where drag drifts too."""
     s = _sign(motion, place, shape)
-    if len(shape) > DRAG:
-        s = s + shape[DRAG] * place.along(motion.v, motion.motor_speeds)
+    if len(shape) > DRAG_RATIO:
+        s = s + shape[DRAG_RATIO] * place.along(motion.v, motion.motor_speeds)
     return acting(motion, place, s, s * np.exp(-motion.time / shape[1]))
 
 
@@ -332,7 +332,7 @@ def hysteresis_physical(beta: Vector, shape: Shape) -> dict[str, float]:
 
 def warming_physical(beta: Vector, shape: Shape) -> dict[str, float]:
     """Tell the level once warm, the share more while cold, and how long that takes; and of drag that does the same."""
-    drag = {"viscous": float(beta[0]) * shape[DRAG]} if len(shape) > DRAG else {}
+    drag = {"viscous": float(beta[0]) * shape[DRAG_RATIO]} if len(shape) > DRAG_RATIO else {}
     return {
         "friction": float(beta[0]),
         "extra": float(beta[1] / beta[0]) if beta[0] else 0.0,

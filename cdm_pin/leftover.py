@@ -11,7 +11,7 @@ from .candidates import Candidate
 from .fit import Fit
 from .geometry import Vector
 from .patches import TONE
-from .recent import lasting
+from .recent import kept, lasting
 from .search import Search, key_of
 from .shapes import shape_slopes
 from .spectra import Spectrum, spectrum, stands_out, tone_peaks, whitener_of
@@ -38,6 +38,7 @@ def left_over(search: Search, effects: Sequence[Candidate], smooth: bool = True)
     return recent.keep(_left_over(search, effects, smooth_columns(search) if smooth else None), key, smooth)
 
 
+@kept
 def loosely_left_over(search: Search, fit: Fit) -> Vector:
     """Give the rms of what a plain fit leaves over if the shapes of its effects give way, too, to first order."""
     slopes = [slope for c, b in zip(fit.effects, fit.beta, strict=True) for slope in shape_slopes(search, c, b)]

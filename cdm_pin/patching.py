@@ -7,6 +7,7 @@ import numpy as np
 from .asked import unnamed
 from .bank import Bank
 from .candidates import Candidate
+from .effects import MAPS
 from .explanation import Explanation, explained
 from .fit import Fit
 from .leaders import STRONG, best_of, leading
@@ -18,9 +19,6 @@ from .search import Search
 from .settling import settled
 from .shapes import loosened
 from .significance import holds, is_loud, is_seconded, passes
-
-MAPS = ("transmission_ratio_error", "pulley_eccentricity")
-"""Errors of the cable map."""
 
 
 def patch(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candidate] | None:

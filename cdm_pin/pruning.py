@@ -9,7 +9,7 @@ import numpy as np
 from .candidates import Candidate
 from .explanation import Explanation, explained, with_effects
 from .fit import Fit, own_covariance
-from .friction_effects import DRAG
+from .friction_effects import DRAG_RATIO
 from .likelihood import has_ratio, likelihood
 from .search import Search
 from .settling import settled
@@ -61,18 +61,18 @@ def still_standing(explanation: Explanation) -> Explanation:
 def warmed(explanation: Explanation) -> Explanation:
     """Let drag drift with the dry friction of its place where that is likelier than drag that stays as it is."""
     search, accepted = explanation.search, [f.candidate for f in explanation.found]
-    for j, drift in enumerate(accepted):
-        if drift.effect.name != "friction_drift" or len(drift.shape) > DRAG:
-            continue
-        for k, drag in enumerate(accepted):
-            if drag.effect.name != "viscous_friction" or drag.place.location != drift.place.location:
-                continue
-            ratio = float(explanation.fit.beta[k][0] / max(explanation.fit.beta[j][0], 1e-300))
-            both = replace(drift, shape=(*drift.shape, max(ratio, 0.0)))
-            trial = [both if c is drift else c for c in accepted if c is not drag]
-            there, laws = settled(search, trial, rounds=6)
-            if likelihood(there, laws) > likelihood(search, accepted):
-                return warmed(explained(there, there.renewed(explanation.bank), laws))
+    sized = list(zip(accepted, explanation.fit.beta, strict=True))
+    drifts = [(c, b) for c, b in sized if c.effect.name == "friction_drift" and len(c.shape) <= DRAG_RATIO]
+    drags = [(c, b) for c, b in sized if c.effect.name == "viscous_friction"]
+    pairs = [(x, y) for x in drifts for y in drags if x[0].place.location == y[0].place.location]
+    own = likelihood(search, accepted) if pairs else 0.0
+    for (drift, friction), (drag, viscous) in pairs:
+        ratio = max(float(viscous[0] / max(friction[0], 1e-300)), 0.0)
+        both = replace(drift, shape=(*drift.shape, ratio))
+        trial = [both if c is drift else c for c in accepted if c is not drag]
+        there, laws = settled(search, trial, rounds=6)
+        if likelihood(there, laws) > own:
+            return warmed(explained(there, there.renewed(explanation.bank), laws))
     return explanation
 
 
