@@ -9,7 +9,7 @@ import numpy as np
 from .bank import Bank
 from .candidates import Candidate
 from .fit import Fit, own_covariance
-from .leaders import hides_in_masses, leading, same_width
+from .leaders import hides_in_masses, leading, same_form, same_width
 from .likelihood import confined, freed, gain, likeliest
 from .scores import Score, family_wise
 from .search import Search
@@ -104,7 +104,7 @@ def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> F
             continue
         if candidate.detail:
             leader = leader.detailed(search.problem.motions)
-        leader = same_width(leader, candidate)
+        leader = same_form(same_width(leader, candidate), candidate)
         s = freed(search, without, leader, search.score(without, leader))
         if gain(search, without, leader, s) > own - max(30.0, 0.1 * abs(own)):
             refined, s = likeliest(search, without, *refine(search, without, leader, plausibly=True))

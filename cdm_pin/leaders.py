@@ -10,6 +10,7 @@ import numpy as np
 from .bank import Bank
 from .candidates import Candidate, at_known_place
 from .fit import Fit
+from .friction_effects import DRAG_RATIO
 from .geometry import Vector
 from .likelihood import gain
 from .scores import Score
@@ -132,6 +133,13 @@ def same_width(candidate: Candidate, other: Candidate) -> Candidate:
         candidate = replace(candidate, gives=other.gives)
     if same and candidate.effect.nuisance_shape == 1 == other.effect.nuisance_shape:
         return replace(candidate, shape=(other.shape[0], *candidate.shape[1:]))
+    return candidate
+
+
+def same_form(candidate: Candidate, other: Candidate) -> Candidate:
+    """Let friction that drifts take the drag of its place with it where another one, which it is set against, does."""
+    if candidate.effect.name == other.effect.name == "friction_drift":
+        return replace(candidate, shape=(*candidate.shape[:DRAG_RATIO], *other.shape[DRAG_RATIO:]))
     return candidate
 
 

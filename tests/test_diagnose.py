@@ -136,17 +136,25 @@ def test_a_line_above_the_band_is_said_and_placed(tmp_path):
     assert "6.3 Hz" in content["unexplained"]["region"]
 
 
-def test_drag_that_drifts_with_dry_friction_is_one_effect(tmp_path):
-    """Dry friction and drag on joint 2 that both start 90 % higher: one friction that drifts, its drag with it."""
+@pytest.mark.parametrize("joint", [1, 2])
+def test_drag_that_drifts_with_dry_friction_is_one_effect(tmp_path, joint):
+    """Dry friction and drag of a joint that both start 90 % higher: one friction that drifts, its drag with it.
+
+    Motor 1 alone drives joint 1: it is the same for any motion, and no experiment is asked for to tell the two apart.
+    """
     model, runs, unseen, _, _ = blind(tmp_path, 11, 0, positions="joint", bits=17, noise="white")
     warmed = []
     for run in (*runs, *unseen):
-        v = np.gradient(savgol_filter(run.channels["joint_position"][:, 1], 31, 3), run.time)
+        v = np.gradient(savgol_filter(run.channels["joint_position"][:, joint - 1], 31, 3), run.time)
         friction = (0.2 * np.tanh(v / 0.02) + 0.3 * v) * (1.0 + 0.9 * np.exp(-(run.time - run.time[0]) / 8.0))
-        torque = {"motor_torque": run.channels["motor_torque"] + friction[:, None] * model.joint_from_motor[1]}
+        torque = {"motor_torque": run.channels["motor_torque"] + friction[:, None] * model.joint_from_motor[joint - 1]}
         warmed.append(Recording(run.time, run.channels | torque, label=run.label))
-    (finding,) = diagnose(model, warmed[:-1], warmed[-1:]).content["findings"]
-    assert (finding["effect"], finding["location"]) == ("friction_drift", {"kind": "joint", "index": 2})
+    content = diagnose(model, warmed[:-1], warmed[-1:]).content
+    (finding,) = content["findings"]
+    assert (finding["effect"], finding["location"]) == ("friction_drift", {"kind": "joint", "index": joint})
+    same = [{"effect": "friction_drift", "location": {"kind": "motor", "index": 1}}] if joint == 1 else []
+    assert finding["indistinguishable_from"] == same
+    assert content["next_experiment"] is None
     for name, true in {"friction": 0.2, "extra": 0.9, "time_constant": 8.0, "viscous": 0.3}.items():
         assert finding["parameters"][name]["value"] == pytest.approx(true, rel=0.15)
 
