@@ -58,6 +58,14 @@ def drowned(search: Search, bank: Bank, taken: Sequence[Candidate], most: int = 
     return alone
 
 
+def drowned_pushes(search: Search, bank: Bank, effects: Sequence[Candidate], most: int = 3) -> list[Candidate]:
+    """Find pushes of a bank beside some effects, one after another, also where they pass for slow noise."""
+    pushes: list[Candidate] = []
+    while len(pushes) < most and (push := drowned(search, bank, [*effects, *pushes])) is not None:
+        pushes.append(push[1])
+    return pushes
+
+
 def unnamed(search: Search, bank: Bank, accepted: list[Candidate]) -> Candidate | None:
     """Give the correction without a name that explains most of what is left; None where none is asked for."""
     fit = search.fit(accepted)

@@ -11,14 +11,15 @@ free of units and frames (Lee, Wensing, Park, IEEE T-RO 36(1), 2020). The progra
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import clarabel
 import numpy as np
 from scipy import sparse
 
 from .errors import CdmError, ShapeError
-from .geometry import Vector, frozen_array
+from .geometry import Link, Vector, frozen_array
 
 _UPPER = [(i, j) for j in range(4) for i in range(j + 1)]  # the solver's order of a symmetric 4 x 4 matrix
 _ROOT2 = np.sqrt(2.0)
@@ -68,6 +69,23 @@ def link_parameters(J: Vector) -> Vector:
     """Give the ten parameters of a pseudo-inertia matrix, the inverse of `pseudo_inertia`."""
     xx, yy, zz = J[1, 1] + J[2, 2], J[0, 0] + J[2, 2], J[0, 0] + J[1, 1]
     return np.array([J[3, 3], J[0, 3], J[1, 3], J[2, 3], xx, -J[0, 1], yy, -J[0, 2], -J[1, 2], zz])
+
+
+def links_from_parameters(links: Sequence[Link], pi_std: Vector) -> tuple[Link, ...]:
+    """Give links with other standard parameters, shape (10 n_links,)."""
+    out = []
+    for link, pi in zip(links, np.reshape(pi_std, (-1, 10)), strict=True):
+        mass, center, inertia = about_center(pi)
+        out.append(replace(link, mass=mass, center_of_mass=frozen_array(center), inertia=frozen_array(inertia)))
+    return tuple(out)
+
+
+def about_center(pi: Vector) -> tuple[float, Vector, Vector]:
+    """Give mass, centre of mass and the inertia about it of standard parameters, shape (10,)."""
+    m, hx, hy, hz, xx, xy, yy, xz, yz, zz = pi
+    center = np.array([hx, hy, hz]) / m
+    shift = m * (center @ center * np.eye(3) - np.outer(center, center))
+    return float(m), center, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - shift
 
 
 def consistency_margin(pi_std: Vector) -> Vector:

@@ -403,9 +403,8 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
 
     kinds = kinds_of(effect.places, search.problem.model)
     if not any(c.effect.follows for c in explanation.fit.effects):  # the map is right, then: what turns alike is one
-        for twin in twin_places(search.problem.model, found.candidate.place):
-            if twin.location["kind"] in kinds:
-                add(effect.name, twin.location)
+        for twin in twin_places(search.problem.model, found.candidate.place, kinds):
+            add(effect.name, twin.location)
     close = settings.within(found.score.statistic, least=LISTED)
     rubs = effect.name == "coulomb_friction"
     alike: list[tuple[bool, Candidate]] = []

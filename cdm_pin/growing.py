@@ -113,7 +113,7 @@ def _elsewhere(candidate: Candidate, model: CableModel) -> list[Candidate]:
     if candidate.place.is_pair:
         return [known] if known is not candidate else []
     kinds = kinds_of(candidate.effect.places, model)
-    twins = twin_places(model, candidate.place) if len(candidate.place.index) == 1 else []
-    laws = [replace(candidate, place=twin) for twin in twins if twin.location["kind"] in kinds]
+    twins = twin_places(model, candidate.place, kinds) if len(candidate.place.index) == 1 else []
+    laws = [replace(candidate, place=twin) for twin in twins]
     others = [CATALOGUE[name] for name in DRAGS if name != candidate.effect.name and candidate.effect.name in DRAGS]
     return laws + [replace(law, effect=effect) for effect in others for law in (candidate, *laws)]

@@ -11,11 +11,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from .consistency import about_center, links_from_parameters
 from .console import plain
 from .effects import CATALOGUE
 from .estimators import per_joint
 from .files import read_text, write_text
-from .geometry import Link, Manipulator, Vector, frozen_array
+from .geometry import Manipulator, Vector
 from .identify import Identification
 from .manipulator import save_manipulator
 from .model import CableModel
@@ -222,22 +223,6 @@ def _visit(result: Identification, visit: Visit) -> dict[str, Any]:
     }
 
 
-def links_from_parameters(links: Sequence[Link], pi_std: Vector) -> tuple[Link, ...]:
-    """Give links with other standard parameters, shape (10 n_links,)."""
-    out = []
-    for link, pi in zip(links, np.reshape(pi_std, (-1, 10)), strict=True):
-        mass, center, inertia = _about_center(pi)
-        out.append(replace(link, mass=mass, center_of_mass=frozen_array(center), inertia=frozen_array(inertia)))
-    return tuple(out)
-
-
-def _about_center(pi: Vector) -> tuple[float, Vector, Vector]:
-    m, hx, hy, hz, xx, xy, yy, xz, yz, zz = pi
-    center = np.array([hx, hy, hz]) / m
-    shift = m * (center @ center * np.eye(3) - np.outer(center, center))
-    return float(m), center, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - shift
-
-
 def identified_urdf(model: CableModel, pi_std: Vector, manipulator: Manipulator) -> str:
     """Write the URDF of the identified robot.
 
@@ -278,7 +263,7 @@ def _remove(element: ElementTree.Element, tags: Sequence[str]) -> None:
 
 def _inertial(pi: Vector) -> ElementTree.Element:
     """Write a body; a frame without mass gets one that no torque feels, as MuJoCo demands."""
-    mass, center, inertia = _about_center(pi) if pi[0] > 0 else (1e-9, np.zeros(3), 1e-12 * np.eye(3))
+    mass, center, inertia = about_center(pi) if pi[0] > 0 else (1e-9, np.zeros(3), 1e-12 * np.eye(3))
     element = ElementTree.Element("inertial")
     xyz = " ".join(repr(float(value)) for value in center)
     ElementTree.SubElement(element, "origin", xyz=xyz, rpy="0 0 0")

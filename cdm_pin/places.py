@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -66,13 +66,16 @@ def kinds_of(places: Callable[[CableModel], list[Place]], model: CableModel) -> 
     return kinds | {"motor"} if "joint" in kinds and places not in (joint_places, own_joint_places) else kinds
 
 
-def twin_places(model: CableModel, place: Place) -> list[Place]:
-    """Other joints and motors that turn with a place at a constant ratio; a wrong cable map parts them."""
+def twin_places(model: CableModel, place: Place, kinds: Collection[str]) -> list[Place]:
+    """Other joints and motors, of some kinds, that turn with a place at a constant ratio; a wrong cable map parts them.
+
+    The kinds are those of an effect (`kinds_of`).
+    """
     if not len(place.A) or place.is_pair:
         return []
     own = place.weights(model)
     sides = joint_places(model) if any(place.B) else all_motor_places(model)
-    return [other for other in sides if parallel(other.weights(model), own)]
+    return [x for x in sides if x.location["kind"] in kinds and parallel(x.weights(model), own)]
 
 
 def guide_places(model: CableModel) -> list[Place]:

@@ -14,7 +14,7 @@ from cdm_pin.band import make_band
 from cdm_pin.bank import all_candidates
 from cdm_pin.candidates import Candidate
 from cdm_pin.completed import added_torque
-from cdm_pin.diagnose import _records
+from cdm_pin.completing import law_records
 from cdm_pin.dynamics import motor_torques
 from cdm_pin.effects import CATALOGUE
 from cdm_pin.everywhere import confirmed, kinds_first, rubs_everywhere
@@ -164,7 +164,7 @@ def test_a_fitted_law_is_written_whole(model, name, place, shape, detail, beta):
     problem = make_problem(model, [run(model, 5)])
     candidate = Candidate(CATALOGUE[name], CATALOGUE[name].places(model)[place], shape, detail)
     beta = np.array(beta)
-    effects = tuple(_records(model, candidate, parameters(candidate, beta, np.eye(len(beta))), beta))
+    effects = tuple(law_records(model, candidate, parameters(candidate, beta, np.eye(len(beta))), beta))
     assert len(effects) == np.count_nonzero(beta) if name == "hysteresis" else len(effects) > 1
     assert candidate.remembers_tension == (place == -1)
     motion = problem.motions[0]

@@ -9,8 +9,11 @@ from trials import loaded_trial, search_of
 
 from cdm_pin import (
     asked,
+    confirming,
+    content,
     drifting,
     findings,
+    judging,
     plainness,
     pruning,
     resolved,
@@ -19,7 +22,6 @@ from cdm_pin import (
     significance,
     unexplained,
 )
-from cdm_pin import diagnose as diagnosis
 from cdm_pin.bank import all_candidates
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.cable_effects import most_turns
@@ -249,7 +251,7 @@ def test_what_a_base_parameter_may_as_well_be_starts_at_its_own_link():
     """A rotor, a payload on its own link, one at the end, and only then what wrong sensors would do."""
     names = [("torque_gain_error", 1), ("payload", 4), ("payload", 2), ("payload", 3), ("rotor_inertia", 2)]
     effects = [{"effect": name, "location": {"index": i}} for name, i in names]
-    ranked = sorted(effects, key=lambda e: diagnosis._likeness(e, links=(2, 3, 4), last=4))
+    ranked = sorted(effects, key=lambda e: content._likeness(e, links=(2, 3, 4), last=4))
     assert [(e["effect"], e["location"]["index"]) for e in ranked] == [names[k] for k in (2, 4, 1, 3, 0)]
 
 
@@ -258,8 +260,9 @@ def test_unseen_recordings_do_not_speak_against_what_they_cannot_show(tmp_path, 
     """A play of a twentieth of a degree beside drifting torques; unseen recordings confirm it where they could."""
     model, runs, unseen, _ = loaded_trial(tmp_path, 40, effects=["backlash"], positions="both", n_links=2)
     if not shows:  # with the play they are no likelier
-        monkeypatch.setattr(diagnosis, "_due", lambda judge, explanation, j: 0.0)
-        monkeypatch.setattr(diagnosis, "deviance_unseen", lambda judge, fit: float(len(fit.effects)))
+        for module in (confirming, content):
+            monkeypatch.setattr(module, "change_unseen", lambda judge, explanation, j: 0.0)
+        monkeypatch.setattr(confirming, "deviance_unseen", lambda judge, fit: float(len(fit.effects)))
     (finding,) = diagnose(model, runs, unseen).content["findings"]
     assert finding["effect"] == "backlash"
     assert finding.get("unconfirmed", False) != shows
@@ -566,20 +569,20 @@ def test_what_failed_only_beside_another_stays(monkeypatch, kept_out):
         return next((law for law in kept_out if law not in effects and law not in but), None)
 
     replaced = {
-        "_helps": lambda judge, e, j: helps.get(e.fit[j], "wrong" not in e.fit),
+        "helps": lambda judge, e, j: helps.get(e.fit[j], "wrong" not in e.fit),
         "_reconsidered": lambda judge, e: e,
         "patch": lambda search, bank, effects: None,
         "deviance_unseen": lambda judge, fit: -fit,
         "next_law": next_law,
         "settled": lambda search, effects: (search, effects),
         "explained": lambda search, bank, effects: explanation(effects),
-        "_judge": lambda seen, e: seen,
+        "judge_of": lambda seen, e: seen,
         "_tied": lambda judge, e: judge,
-        "_restricted": lambda e, kept: explanation([f.candidate for f in kept]),
+        "restricted": lambda e, kept: explanation([f.candidate for f in kept]),
     }
     for name, value in replaced.items():
-        monkeypatch.setattr(diagnosis, name, value)
-    left = diagnosis._judged(SimpleNamespace(problem=None), explanation(["right", "wrong", "sound"]))
+        monkeypatch.setattr(judging, name, value)
+    left = judging._judged(SimpleNamespace(problem=None), explanation(["right", "wrong", "sound"]))
     assert [f.candidate for f in left.found] == ["right", "sound", *(law for law in kept_out if helps[law])]
 
 
@@ -595,11 +598,11 @@ def test_the_unseen_recordings_choose_between_laws(monkeypatch, unseen):
         problem=SimpleNamespace(torque=True), size=lambda c: 1 + len(c.shape), fit=lambda effects, whitener: effects
     )
     judge = SimpleNamespace(body=lambda whitener: SimpleNamespace(data=np.zeros(100)))
-    monkeypatch.setattr(diagnosis, "deviance_unseen", lambda judge, effects: unseen if play in effects else 1000.0)
-    monkeypatch.setattr(diagnosis, "explained", lambda search, bank, effects: effects)
+    monkeypatch.setattr(judging, "deviance_unseen", lambda judge, effects: unseen if play in effects else 1000.0)
+    monkeypatch.setattr(judging, "explained", lambda search, bank, effects: effects)
     found = Found(offset, Score(500.0, 1, np.ones(1), 1.0, 1.0), 240.0, -200.0, ((play, -0.1),))
     given = SimpleNamespace(search=search, found=(found,), fit=SimpleNamespace(whitener=None), bank=None)
-    chosen = diagnosis._reconsidered(judge, given)
+    chosen = judging._reconsidered(judge, given)
     assert chosen == [play] if unseen < 100.0 else chosen is given
 
 
@@ -618,12 +621,12 @@ def test_the_unseen_recordings_may_choose_a_finer_law(monkeypatch, named, differ
         problem=SimpleNamespace(torque=True), size=lambda c: 1 + (c is pulley), fit=lambda effects, whitener: effects
     )
     judge = SimpleNamespace(body=lambda whitener: SimpleNamespace(data=np.zeros(1000)))
-    monkeypatch.setattr(diagnosis, "deviance_unseen", lambda judge, effects: 950.0 if pulley in effects else 1000.0)
-    monkeypatch.setattr(diagnosis, "explained", lambda search, bank, effects: effects)
-    monkeypatch.setattr(diagnosis, "ONCE", ())
+    monkeypatch.setattr(judging, "deviance_unseen", lambda judge, effects: 950.0 if pulley in effects else 1000.0)
+    monkeypatch.setattr(judging, "explained", lambda search, bank, effects: effects)
+    monkeypatch.setattr(judging, "ONCE", ())
     found = Found(offset, Score(500.0, 1, np.ones(1), 1.0, 1.0), 240.0, -200.0, ((pulley, difference),))
     given = SimpleNamespace(search=search, found=(found,), fit=SimpleNamespace(whitener=None), bank=None)
-    chosen = diagnosis._reconsidered(judge, given)
+    chosen = judging._reconsidered(judge, given)
     assert chosen == [pulley] if named and difference > -15.0 else chosen is given
 
 
@@ -904,7 +907,7 @@ def test_what_instants_are_unsure_by_is_no_friction(tmp_path):
     ],
 )
 def test_the_unseen_recordings_are_asked_for_what_chance_leaves_of_what_is_due(due, gain, named, asked):
-    assert diagnosis.asked_of(due, gain, named) == pytest.approx(asked)
+    assert confirming.asked_of(due, gain, named) == pytest.approx(asked)
 
 
 @pytest.mark.parametrize(
@@ -920,15 +923,15 @@ def test_a_finding_is_loud_where_it_takes_most_of_the_error(monkeypatch, left, l
     place = next(p for p in CATALOGUE["coulomb_friction"].places(model) if p.location == {"kind": "motor", "index": 2})
     candidate = Candidate(CATALOGUE["coulomb_friction"], place, (0.1,))
     fits = {name: SimpleNamespace(base=name, effects=(), beta=()) for name in ("with", "without")}
-    monkeypatch.setattr(diagnosis, "still_errors", lambda judge, fit: fit.base)
-    monkeypatch.setattr(diagnosis, "rms", lambda judge, name: np.array({"with": [8.9, 1.0], "without": left}[name]))
+    monkeypatch.setattr(confirming, "still_errors", lambda judge, fit: fit.base)
+    monkeypatch.setattr(confirming, "rms", lambda judge, name: np.array({"with": [8.9, 1.0], "without": left}[name]))
     judge = SimpleNamespace(problem=SimpleNamespace(model=model))
     explanation = SimpleNamespace(
         fit=fits["with"],
         found=[SimpleNamespace(candidate=candidate)],
         search=SimpleNamespace(without=lambda fit, j: fits["without"]),
     )
-    assert diagnosis._is_loud_there(judge, explanation, 0) == loud
+    assert confirming.is_loud_there(judge, explanation, 0) == loud
 
 
 def test_a_motor_may_turn_with_a_joint_as_much_as_with_any_of_its_own():

@@ -6,7 +6,8 @@ from scipy.integrate import solve_ivp
 from trials import loaded_trial
 
 from cdm_pin.candidates import Candidate, loaded, passed
-from cdm_pin.diagnose import _helps, diagnose
+from cdm_pin.confirming import helps
+from cdm_pin.diagnose import diagnose
 from cdm_pin.effects import CATALOGUE
 from cdm_pin.leaders import POSTURE, leading
 from cdm_pin.motion import Felt, crossing, leaping
@@ -125,9 +126,9 @@ def test_a_resonance_in_the_band_is_told_from_the_motors_alone(soft, monkeypatch
     assert finding["parameters"]["stiffness"]["value"] == pytest.approx(known["stiffness"], rel=0.02)
     fit = content["fit"]["holdout"]
     assert np.all(np.array(fit["rmse_augmented"]) < 1.2 * np.array(fit["noise_floor"]))
-    assert _helps(result.holdout, result.explanation, 0)
-    monkeypatch.setattr("cdm_pin.diagnose._swing_gain", lambda *_: -1.0)
-    assert not _helps(result.holdout, result.explanation, 0)
+    assert helps(result.holdout, result.explanation, 0)
+    monkeypatch.setattr("cdm_pin.confirming.swing_gain", lambda *_: -1.0)
+    assert not helps(result.holdout, result.explanation, 0)
 
 
 def played(lag=0.0, gap=0.01, rate=200.0):

@@ -1,0 +1,279 @@
+"""The verdict: which findings are stated and with what errors, and what is there beside them that has no name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from . import findings as fi
+from .confirming import ONCE, carries, is_loud_there, plain_errors
+from .everywhere import agreements
+from .explanation import Explanation, Found
+from .fit import Fit
+from .geometry import Vector
+from .model import CableModel
+from .search import Search
+from .unexplained import (
+    at_corrections,
+    beyond_floor,
+    beyond_training,
+    bursting_torque,
+    is_far,
+    moving_torque,
+    nameless,
+    of_no_size,
+    ringing_torque,
+    swinging_torque,
+    wandering_travel,
+)
+
+AGREEMENT = 0.3
+"""Of many effects, what the unseen recordings make of one alone has to be like it by so much for it to be listed."""
+LIKE = 0.5
+"""How like a finding beside a correction the unseen recordings have to make it by themselves."""
+FAR = 25.0
+"""Squared error on unseen recordings, in units of the noise, beside which a finding has to carry most of it."""
+ANY, VAGUE = 1.0, 2.0
+"""Standard errors, by unseen recordings too, up to which a finding is none, and beside something unexplained."""
+
+Values = dict[str, dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a diagnosis states of an explanation.
+
+    Attributes
+    ----------
+    model : CableModel
+        As the file says it.
+    judge : Search or None
+        The unseen recordings.
+    explanation : Explanation
+    disputed : bool
+        Whether something loud was withdrawn, or far more is left than noise.
+    covariance : ndarray
+        Of base parameters, coefficients and shapes together.
+    where : tuple of ndarray of int
+        Where those of each finding stand in it.
+    fitted : dict
+        Parameters of the findings with a name, by their number in the explanation, with the errors of their fit.
+    stated : dict
+        Of those that are listed, with all errors that they may have.
+    unexplained : dict or None
+        What is there that has no name, as the format says it.
+    """
+
+    model: CableModel
+    judge: Search | None
+    explanation: Explanation
+    disputed: bool
+    covariance: Vector
+    where: tuple[np.ndarray, ...]
+    fitted: Mapping[int, Values]
+    stated: Mapping[int, Values]
+    unexplained: dict[str, Any] | None = None
+
+    @property
+    def search(self) -> Search:
+        """The training recordings."""
+        return self.explanation.search
+
+    @property
+    def fit(self) -> Fit:
+        """Fit of the explanation."""
+        return self.explanation.fit
+
+    @property
+    def everywhere(self) -> bool:
+        """Whether nearly every axis rubs."""
+        return self.explanation.everywhere
+
+    @property
+    def corrections(self) -> list[Found]:
+        """What stands in the explanation without a name."""
+        return [f for f in self.explanation.found if not f.candidate.named]
+
+    @property
+    def said(self) -> str:
+        """The word for it."""
+        return "unexplained" if self.unexplained else ("missing_physics" if self.stated else "consistent")
+
+    def spread(self, j: int) -> Vector:
+        """Covariance of the coefficients and the shape of finding `j`."""
+        return self.covariance[np.ix_(self.where[j], self.where[j])]
+
+    def keeping(self, holds: Callable[[int], bool]) -> Verdict:
+        """State only those findings for which something holds."""
+        return replace(self, stated={j: v for j, v in self.stated.items() if holds(j)})
+
+
+def reached(model: CableModel, judge: Search | None, explanation: Explanation, disputed: bool) -> Verdict:
+    """Reach a verdict on an explanation.
+
+    The first gate that finds something without a name says what it is, and which findings stand beside it.
+    """
+    verdict = _named(model, judge, explanation, disputed)
+    for gate in GATES:
+        if verdict.unexplained is None:
+            verdict = gate(verdict)
+    return _agreed(verdict)
+
+
+def _named(model: CableModel, judge: Search | None, explanation: Explanation, disputed: bool) -> Verdict:
+    """State the findings with a name of which it is known how large they are, the strongest first."""
+    covariance, betas, shapes = fi.joint_covariance(explanation.search, explanation.fit)
+    where = tuple(np.r_[beta, shape] for beta, shape in zip(betas, shapes, strict=True))
+    verdict = Verdict(model, judge, explanation, disputed, covariance, where, {}, {})
+    found, beta = explanation.found, explanation.fit.beta
+    named = [j for j, f in enumerate(found) if f.candidate.named]
+    if verdict.corrections:
+        named = [j for j in named if fi.is_sure(model, found[j], verdict.corrections)]
+    named.sort(key=lambda j: -found[j].score.statistic)
+    fitted = {j: fi.parameters(found[j].candidate, beta[j], verdict.spread(j)) for j in named}
+
+    def holds(j: int) -> bool:
+        candidate, values = found[j].candidate, fitted[j]
+        known = fi.is_known(values, candidate, beta[j], verdict.spread(j))
+        lawful = explanation.everywhere or fi.is_lawful(explanation.fit, j)
+        sure = known and lawful and fi.is_admissible(candidate.effect, values) and found[j].gain >= 5.0
+        return sure and fi.is_above_steps(explanation.search, candidate, values)
+
+    verdict = replace(verdict, fitted=fitted, stated=fitted).keeping(holds)
+    if not explanation.everywhere:
+        return verdict
+    return verdict.keeping(lambda j: not fi.is_outdone(found[j]) and found[j].agreement >= AGREEMENT)
+
+
+def _corrected(verdict: Verdict) -> Verdict:
+    """Whether corrections without a name stand in the explanation; where much is left, little stands beside them."""
+    if not verdict.corrections:
+        return verdict
+    judge, explanation = verdict.judge, verdict.explanation
+    verdict = replace(verdict, unexplained=at_corrections(explanation, verdict.corrections))
+    if judge is None or explanation.everywhere:
+        return verdict
+    if plain_errors(judge, explanation.fit)[0] <= FAR * judge.problem.n_channels:
+        return verdict
+    repeated = [agreement >= LIKE for agreement in agreements(judge, explanation.fit)]
+    return verdict.keeping(
+        lambda j: carries(judge, explanation, j) or (repeated[j] and is_loud_there(judge, explanation, j))
+    )
+
+
+def _uncorrected(verdict: Verdict) -> Verdict:
+    """Whether a correction would explain more where nearly every axis rubs and none competed."""
+    return replace(verdict, unexplained=nameless(verdict.explanation)) if verdict.everywhere else verdict
+
+
+def _above_noise(verdict: Verdict, *, shared: bool = False) -> Verdict:
+    """Whether far more is left than noise; `shared`, whether training and unseen recordings have some of it alike."""
+    search, judge, explanation = verdict.search, verdict.judge, verdict.explanation
+    unexplained, excess = beyond_floor(search, judge, explanation, shared=shared)
+    if unexplained is None:
+        return verdict
+    verdict = replace(verdict, unexplained=unexplained)
+    if explanation.everywhere:
+        return verdict
+    motor = unexplained["location"]["index"]
+    return verdict.keeping(lambda j: fi.outweighs(verdict.model, explanation.found[j], motor, excess))
+
+
+def _moving(verdict: Verdict) -> Verdict:
+    """Whether a torque or a travel moves by itself."""
+    search, fit = verdict.search, verdict.fit
+    return replace(verdict, unexplained=moving_torque(search, fit) or wandering_travel(search, fit))
+
+
+def _elsewhere(verdict: Verdict) -> Verdict:
+    """Whether a torque rings, or unseen recordings hold what the training does not tell of."""
+    search, judge, fit = verdict.search, verdict.judge, verdict.fit
+    unexplained = ringing_torque(search, fit) or (judge and beyond_training(search, judge, fit))
+    if unexplained is None:
+        return verdict
+    verdict = replace(verdict, unexplained=unexplained)
+    return verdict.keeping(lambda j: carries(judge or search, verdict.explanation, j))
+
+
+def _unsized(verdict: Verdict) -> Verdict:
+    """Whether something was found, but nothing of a known size."""
+    if verdict.stated or not verdict.fitted:
+        return verdict
+    effects = verdict.fit.effects
+    unsure = [
+        j for j in fi.unsized(verdict.explanation) if fi.is_above_steps(verdict.search, effects[j], verdict.fitted[j])
+    ]
+    return replace(verdict, unexplained=of_no_size(verdict.explanation, unsure))
+
+
+def _loud(verdict: Verdict) -> Verdict:
+    """Whether, of a disputed explanation, something loud is left; what happens once cannot be confirmed then.
+
+    Nor can, far above the noise, what sits where that is.
+    """
+    if not verdict.disputed:
+        return verdict
+    unexplained = nameless(verdict.explanation, only_loud=True)
+    if unexplained is None:
+        return verdict
+    candidates, far = verdict.fit.effects, is_far(verdict.search, verdict.fit)
+    verdict = replace(verdict, unexplained=unexplained)
+    verdict = verdict.keeping(lambda j: candidates[j].effect.name not in ONCE)
+    return verdict.keeping(lambda j: not far or candidates[j].location != unexplained["location"])
+
+
+def _swinging(verdict: Verdict) -> Verdict:
+    """Whether, where nothing else is said, a torque swings above the band or comes in bursts."""
+    if verdict.stated:
+        return verdict
+    search, judge, fit = verdict.search, verdict.judge, verdict.fit
+    return replace(verdict, unexplained=swinging_torque(search, fit) or bursting_torque(search, judge, fit))
+
+
+def _in_common(verdict: Verdict) -> Verdict:
+    """Whether training and unseen recordings have some residual alike."""
+    return verdict if verdict.everywhere else _above_noise(verdict, shared=True)
+
+
+GATES: Sequence[Callable[[Verdict], Verdict]] = (
+    _corrected,
+    _uncorrected,
+    _above_noise,
+    _moving,
+    _elsewhere,
+    _unsized,
+    _loud,
+    _swinging,
+    _in_common,
+)
+
+
+def _agreed(verdict: Verdict) -> Verdict:
+    """Widen the errors of parameters by those of laws and by how far the unseen recordings see them elsewhere.
+
+    A finding of which no size is left then is none; what the recordings disagree about may be part of what has no name.
+    """
+    search, judge, explanation, fit = verdict.search, verdict.judge, verdict.explanation, verdict.fit
+    where, covariance = verdict.where, verdict.covariance
+    stated = {
+        j: fi.with_law_errors(search, fit, j, covariance, where[j], values) for j, values in verdict.stated.items()
+    }
+    lasting = [j for j in stated if fit.effects[j].effect.name not in ONCE]
+    if not lasting or judge is None or not any(judge.problem.segments):
+        return replace(verdict, stated=stated)
+    step, chance = fi.unseen_shift(judge, fit, covariance)
+    told = {j: verdict.fitted[j] for j in stated}  # by the recordings, whatever else its law may be wrong by
+    for j in lasting:
+        own = step[where[j]], chance[np.ix_(where[j], where[j])]
+        told[j] = fi.with_scatter(fit.effects[j], fit.beta[j], *own, told[j])
+        stated[j] = fi.with_scatter(fit.effects[j], fit.beta[j], *own, stated[j])
+    least = ANY if verdict.unexplained is None else VAGUE
+    vague = [j for j, v in told.items() if max(fi.sizes_in_errors(v).values(), default=np.inf) <= least]
+    vague = [j for j in vague if not (carries(judge, explanation, j) or is_loud_there(judge, explanation, j))]
+    verdict = replace(verdict, stated=stated).keeping(lambda j: j not in vague)
+    if not vague or verdict.stated:
+        return verdict
+    return replace(verdict, unexplained=verdict.unexplained or of_no_size(explanation, vague))
