@@ -407,7 +407,7 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
             add(effect.name, twin.location)
     close = settings.within(found.score.statistic, least=LISTED)
     rubs = effect.name == "coulomb_friction"
-    alike: list[tuple[bool, Candidate]] = []
+    alike: list[tuple[int, Candidate]] = []
     bare = refine(search, without, found.candidate.bare)[0] if found.candidate.detail else found.candidate
     for rival, difference in _leaning(search, without, found):
         own = found.candidate if rival.detail else bare
@@ -416,11 +416,12 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
         if not within and difference <= -0.1 * found.gain - 30:
             continue
         asked = rubs or not within
-        likeness = canonical_correlation(search, without, found.candidate, rival) if asked else 0.0
+        likeness = canonical_correlation(search, without, own, rival) if asked else 0.0
         if within or likeness > settings.same:
             same = rubs and (likeness > EQUAL or (1.0 - likeness**2) * found.score.statistic < UNSEEN)
-            alike.append((same and rival.effect.name in STILL_DRY, rival))
-    for _, rival in sorted(alike, key=lambda item: item[0]):  # the same elsewhere, guides and capstans last
+            dry = same and rival.effect.name in STILL_DRY
+            alike.append((2 if dry else int(likeness <= settings.same), rival))
+    for _, rival in sorted(alike, key=lambda item: item[0]):  # what has more to it later, the same elsewhere last
         add(rival.name, rival.location)
     for play in _uncrossed(search, explanation, without, found) if effect.name in POSTURE else ():
         add(play.effect.name, play.location)

@@ -1218,3 +1218,15 @@ def test_what_rests_may_leave_is_no_evidence():
     assert robust.at_rest(own, loud) == pytest.approx(25.0, rel=0.5)
     assert robust.at_rest(own, quiet) == 0.0
     assert robust.at_rest(own, np.zeros((0, 300))) == 0.0
+
+
+def test_friction_that_may_as_well_grow_with_load_is_said_before_what_only_adds_to_it(tmp_path):
+    """A load that hardly changes: dry friction, listed first beside it the one that grows with load.
+
+    Friction that differs in its two directions, or that drifts, has dry friction in it and something more.
+    """
+    model, runs, unseen, truth = loaded_trial(tmp_path, 185226015953688, effects=1, bits=14, at_least=50.0)
+    (effect,) = truth["effects"]
+    (finding,) = diagnose(model, runs, unseen).content["findings"]
+    assert (effect["effect"], finding["effect"]) == ("load_dependent_friction", "coulomb_friction")
+    assert finding["indistinguishable_from"][0] == {k: effect[k] for k in ("effect", "location")}
