@@ -17,7 +17,7 @@ from .explanation import Explanation, Found, explained
 from .fit import Fit
 from .likelihood import REFINING, evidence, likeliest
 from .patching import patch
-from .plainness import EVIDENT, PREFERENCE
+from .plainness import EVIDENT, PREFERENCE, undivided
 from .problem import Problem, Run
 from .resolved import differs_by_zeros
 from .search import Search
@@ -100,7 +100,7 @@ def _seconded(judge: Search, explanation: Explanation, most: int = 8) -> Explana
     if min(worth, default=own) > 0.5 * (own + rows):
         return explanation
     search, accepted = settled(search, [*effects, candidates[int(np.argmin(worth))]])
-    return explained(search, search.renewed(explanation.bank), accepted)
+    return undivided(explained(search, search.renewed(explanation.bank), accepted))
 
 
 def _judged(judge: Search, explanation: Explanation) -> Explanation:

@@ -1230,3 +1230,10 @@ def test_friction_that_may_as_well_grow_with_load_is_said_before_what_only_adds_
     (finding,) = diagnose(model, runs, unseen).content["findings"]
     assert (effect["effect"], finding["effect"]) == ("load_dependent_friction", "coulomb_friction")
     assert finding["indistinguishable_from"][0] == {k: effect[k] for k in ("effect", "location")}
+
+
+def test_dry_friction_does_not_stand_beside_what_refines_it(tmp_path):
+    """Friction a fifth higher one way is one finding, though dry friction alone would do for all but errors of laws."""
+    model, runs, unseen, _ = loaded_trial(tmp_path, 258913684971707, effects=1, bits=14, at_least=50.0)
+    (finding,) = diagnose(model, runs, unseen).content["findings"]
+    assert (finding["effect"], finding["location"]) == ("asymmetric_friction", {"kind": "joint", "index": 2})
