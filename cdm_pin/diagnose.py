@@ -132,13 +132,13 @@ def diagnose(
         first = soft
     elif soft is not first:  # what else was found was found beside that cable
         judge, explanation = validated(seen, first)
-    judge, explanation = _seconded(seen, first, judge, explanation, progress)
+    judge, explanation = _second_to(seen, first, judge, explanation, progress)
     explanation = sized(explanation if explanation.everywhere else still_standing(explanation), judge)
     say("sensitivities", 0.95)
     return _told(reached(model, judge, explanation, _is_disputed(first, explanation)))
 
 
-def _seconded(
+def _second_to(
     seen: Problem | None,
     first: Explanation,
     judge: Search | None,
@@ -150,7 +150,7 @@ def _seconded(
     if not named or explanation.found:
         return judge, explanation
     second = explain(first.search.stiff, progress, frozenset(named))
-    if second.found and likely(second) > likely(first) - first.search.settings.close:
+    if second.found and _likely(second) > _likely(first) - first.search.settings.close:
         there, again = validated(seen, second)
         if again.found and not {f.candidate.effect.name for f in again.found} & {name for name, _ in named}:
             return there, again
@@ -204,7 +204,7 @@ def _beside_drifts(search: Search, progress: ProgressCallback | None) -> Explana
             there = explain(other, progress)
             if pushed(there) and not is_swamped(there.search, there.fit):
                 ways.append(there)
-    return max(ways, key=likely)
+    return max(ways, key=_likely)
 
 
 def _drifting(search: Search) -> Search:
@@ -241,7 +241,7 @@ def _swinging(
     if progress is not None:
         progress("soft cables", 0.9)
     laws = [c for c in found if c.named and c.effect.name not in SOFT and c.effect.name != "backlash"]
-    own = likely(first)
+    own = _likely(first)
     best: tuple[float, Search, list[Candidate]] = (own, search, [])
     for beside in ([], laws)[: 1 + bool(laws)]:  # what was found may only stand for the soft cable
         ways = [looser(search, plays, beside)]
@@ -257,7 +257,7 @@ def _swinging(
     again = explain(with_drift(there, effects), progress, instead, start=effects)
     if not any(f.candidate.is_swinging(again.search.problem.motions[0]) for f in again.found):
         return first
-    if likely(again) < own:
+    if _likely(again) < own:
         return first
     if seen is not None:
         judges = [judge_of(seen, e) for e in (first, again)]
@@ -267,7 +267,7 @@ def _swinging(
     return again
 
 
-def likely(explanation: Explanation) -> float:
+def _likely(explanation: Explanation) -> float:
     """Give the log-likelihood of an explanation."""
     return likelihood(explanation.search, [f.candidate for f in explanation.found])
 

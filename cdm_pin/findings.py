@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from functools import lru_cache
-from itertools import chain, zip_longest
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -408,7 +408,9 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
             add(effect.name, twin.location)
     close = settings.within(found.score.statistic, least=LISTED)
     rubs = effect.name == "coulomb_friction"
-    alike: tuple[list[Candidate], ...] = [], [], []  # as good as one column, more than that, the same elsewhere
+    alike: list[Candidate] = []
+    further: list[Candidate] = []
+    elsewhere: list[Candidate] = []
     bare = refine(search, without, found.candidate.bare)[0] if found.candidate.detail else found.candidate
     for rival, difference in _leaning(search, without, found):
         own = found.candidate if rival.detail else bare
@@ -420,11 +422,13 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
         likeness = canonical_correlation(search, without, own, rival) if asked else 0.0
         if within or likeness > settings.same:
             same = rubs and (likeness > EQUAL or (1.0 - likeness**2) * found.score.statistic < UNSEEN)
-            dry = same and rival.effect.name in STILL_DRY
-            alike[2 if dry else int(likeness <= settings.same)].append(rival)
-    for rival in (*chain(*zip_longest(*alike[:2])), *alike[2]):
-        if rival is not None:
-            add(rival.name, rival.location)
+            if same and rival.effect.name in STILL_DRY:
+                elsewhere.append(rival)
+            else:
+                (alike if likeness > settings.same else further).append(rival)
+    by_turns = [rival for pair in zip_longest(alike, further) for rival in pair if rival is not None]
+    for rival in (*by_turns, *elsewhere):
+        add(rival.name, rival.location)
     for play in _uncrossed(search, explanation, without, found) if effect.name in POSTURE else ():
         add(play.effect.name, play.location)
     for alias in found.candidate.place.aliases:

@@ -17,8 +17,9 @@ from .explanation import Explanation, Found, explained
 from .fit import Fit
 from .likelihood import REFINING, evidence, likeliest
 from .patching import patch
-from .plainness import EVIDENT, PREFERENCE, undivided
+from .plainness import EVIDENT, PREFERENCE
 from .problem import Problem, Run
+from .pruning import undivided
 from .resolved import differs_by_zeros
 from .search import Search
 from .settling import settled, tied
@@ -122,7 +123,7 @@ def _judged(judge: Search, explanation: Explanation) -> Explanation:
         if failing:
             worst = min(failing, key=lambda j: deviance_unseen(judge, search.without(explanation.fit, j)))
             withdrawn.append(explanation.found[worst].candidate)
-            explanation = restricted(explanation, [f for j, f in enumerate(explanation.found) if j != worst])
+            explanation = _restricted(explanation, [f for j, f in enumerate(explanation.found) if j != worst])
             continue
         left = [f.candidate for f in explanation.found]
         if not withdrawn or patched:
@@ -184,7 +185,7 @@ def sized(explanation: Explanation, judge: Search | None, near: float = 15.0) ->
     for j, found in enumerate(explanation.found if lawful else ()):
         if differs_by_zeros(search, search.without(explanation.fit, j), found.candidate):
             simpler = _instead(explanation, j, found.candidate.dry)
-            if judge is None or not is_for(judge, explanation.fit, simpler.fit):
+            if judge is None or not _is_for(judge, explanation.fit, simpler.fit):
                 return sized(simpler, judge)
     for j in fi.unsized(explanation):
         found = explanation.found[j]
@@ -211,13 +212,13 @@ def _instead(explanation: Explanation, j: int, law: Candidate) -> Explanation:
     return explained(explanation.search, explanation.bank, [*effects[:j], law, *effects[j + 1 :]])
 
 
-def is_for(judge: Search, fit: Fit, other: Fit) -> bool:
+def _is_for(judge: Search, fit: Fit, other: Fit) -> bool:
     """Whether the unseen recordings are clearly for one fit, and not for another."""
     own, its = (deviance_unseen(judge, f) for f in (fit, other))
-    return unseen_gain(its, own, judge.body(fit.whitener).data.size) > DECIDED
+    return _unseen_gain(its, own, judge.body(fit.whitener).data.size) > DECIDED
 
 
-def unseen_gain(own: float, other: float, rows: int) -> float:
+def _unseen_gain(own: float, other: float, rows: int) -> float:
     """Give by how much likelier the unseen recordings are after another fit, from both deviances (`deviance_unseen`).
 
     The noise counts as no less than what the better one leaves in so many rows.
@@ -248,7 +249,7 @@ def _reconsidered(judge: Search, explanation: Explanation) -> Explanation:
         finer = [c for c, _ in near if told and c.effect.name not in REFINING]
         near = [(c, d) for c, d in near if c in finer or _physics(search, c) <= size][:3]
         for rival, difference in near:
-            more = unseen_gain(own, deviance_unseen(judge, search.fit([*others, rival], whitener)), rows)
+            more = _unseen_gain(own, deviance_unseen(judge, search.fit([*others, rival], whitener)), rows)
             if more > 0.0 if not found.candidate.named else difference + more > DECIDED:
                 return explained(search, explanation.bank, [*others, rival])
     return explanation
@@ -259,7 +260,7 @@ def _physics(search: Search, candidate: Candidate) -> int:
     return search.size(candidate.bare) - candidate.effect.nuisance_shape
 
 
-def restricted(explanation: Explanation, found: Sequence[Found]) -> Explanation:
+def _restricted(explanation: Explanation, found: Sequence[Found]) -> Explanation:
     """Give the explanation with only these findings, fitted anew."""
     search = tied(explanation.search, [f.candidate for f in found])
     fit = search.fit([f.candidate for f in found])

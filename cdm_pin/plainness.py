@@ -71,27 +71,6 @@ def simplest(explanation: Explanation, spoilt: frozenset[tuple[str, str]] = froz
     return simplest(explanation, spoilt | worse) if worse else simpler
 
 
-def undivided(explanation: Explanation) -> Explanation:
-    """Let one law stand where dry friction was found beside what refines it there: it has dry friction in it.
-
-    It takes over what dry friction leaves open about its sign. Not so where it then explains less by more than the two
-    of them may be wrong by.
-    """
-    search, accepted = explanation.search, [f.candidate for f in explanation.found]
-    for j, dry in enumerate(accepted):
-        for i, finer in enumerate(accepted):
-            if (finer.dry.key, finer.effect.name in REFINING) != (dry.key, True) or i == j:
-                continue
-            shape = (dry.shape[0], *finer.shape[1:])
-            whole = replace(finer, shape=shape, detail=dry.detail, creeps=dry.creeps, gives=dry.gives)
-            trial = [whole if c is finer else c for c in accepted if c is not dry]
-            single = estimated(explanation, trial)
-            lost = 0.5 * (single.fit.deviance - explanation.fit.deviance)
-            if lost < search.settings.within(explanation.found[j].score.statistic, least=search.settings.close):
-                return undivided(single)
-    return explanation
-
-
 def _simplest_at(explanation: Explanation, j: int, taken: frozenset[tuple[str, str]]) -> Candidate:
     """Give the simplest law that may stand for finding `j`; one that friction cannot be gives way to the next best.
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from .candidates import Candidate
-from .explanation import Explanation, explained, with_effects
+from .explanation import Explanation, estimated, explained, with_effects
 from .fit import Fit, own_covariance
 from .friction_effects import DRAG_RATIO
-from .likelihood import has_ratio, likelihood
+from .likelihood import REFINING, has_ratio, likelihood
 from .search import Search
 from .settling import settled
 from .significance import holds
@@ -90,4 +90,25 @@ def coupled(explanation: Explanation) -> Explanation:
         there, laws = settled(search, [law for law in accepted if law is not c], rounds=6)
         if likelihood(there, laws) >= own:
             return coupled(explained(there, there.renewed(explanation.bank), laws))
+    return explanation
+
+
+def undivided(explanation: Explanation) -> Explanation:
+    """Let one law stand where dry friction was found beside what refines it there: it has dry friction in it.
+
+    It takes over what dry friction leaves open about its sign. Not so where that is less likely by more than the two of
+    them may be wrong by.
+    """
+    search, accepted = explanation.search, [f.candidate for f in explanation.found]
+    finer = [c for c in accepted if c.effect.name in REFINING]
+    pairs = [(j, law) for j, dry in enumerate(accepted) for law in finer if law.dry.key == dry.key]
+    own = likelihood(search, accepted) if pairs else 0.0
+    for j, law in pairs:
+        dry = accepted[j]
+        shape = (dry.shape[0], *law.shape[1:])
+        whole = replace(law, shape=shape, detail=dry.detail, creeps=dry.creeps, gives=dry.gives)
+        single = estimated(explanation, [whole if c is law else c for c in accepted if c is not dry])
+        lost = own - likelihood(single.search, [f.candidate for f in single.found])
+        if lost < search.settings.within(explanation.found[j].score.statistic):
+            return undivided(single)
     return explanation

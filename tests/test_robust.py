@@ -578,7 +578,7 @@ def test_what_failed_only_beside_another_stays(monkeypatch, kept_out):
         "explained": lambda search, bank, effects: explanation(effects),
         "judge_of": lambda seen, e: seen,
         "_tied": lambda judge, e: judge,
-        "restricted": lambda e, kept: explanation([f.candidate for f in kept]),
+        "_restricted": lambda e, kept: explanation([f.candidate for f in kept]),
     }
     for name, value in replaced.items():
         monkeypatch.setattr(judging, name, value)
