@@ -88,11 +88,13 @@ def experiment_content(experiment: Experiment | None) -> dict[str, Any] | None:
 
 
 def unresolved(verdict: Verdict, findings: Sequence[dict[str, Any]]) -> list[tuple[int, Candidate]]:
-    """List findings, by their number, with the rivals that were listed beside them and are other effects."""
+    """List findings, by their number, with the rivals listed beside them that some motion may tell from them."""
     out = []
     for j, item in zip(verdict.stated, findings, strict=True):
         listed = [(e["effect"], e["location"]) for e in item["indistinguishable_from"]]
-        out += [(j, c) for c, _ in verdict.explanation.found[j].rivals if (c.name, c.location) in listed]
+        one = [(item["effect"], twin) for twin in fi.same_elsewhere(verdict.search, verdict.explanation, j)]
+        rivals = [(c, (c.name, c.location)) for c, _ in verdict.explanation.found[j].rivals]
+        out += [(j, c) for c, key in rivals if key in listed and key not in one]
     return out[:2]
 
 

@@ -389,6 +389,15 @@ def canonical_correlation(search: Search, without: Fit, a: Candidate, b: Candida
     return float(np.linalg.svd(bases[0].T @ bases[1], compute_uv=False)[-1])
 
 
+def same_elsewhere(search: Search, explanation: Explanation, j: int) -> list[Location]:
+    """List where finding `j` is the same for any motion: at what turns alike, unless an error of the map is found."""
+    if any(c.effect.follows for c in explanation.fit.effects):
+        return []
+    candidate, model = explanation.found[j].candidate, search.problem.model
+    twins = twin_places(model, candidate.place, kinds_of(candidate.effect.places, model))
+    return [dict(twin.location) for twin in twins]
+
+
 def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[dict[str, Any]]:
     """List what the data cannot tell from finding `j`: at most three others, the likeliest first."""
     found = explanation.found[j]
@@ -403,9 +412,8 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
             out.append(entry)
 
     kinds = kinds_of(effect.places, search.problem.model)
-    if not any(c.effect.follows for c in explanation.fit.effects):  # the map is right, then: what turns alike is one
-        for twin in twin_places(search.problem.model, found.candidate.place, kinds):
-            add(effect.name, twin.location)
+    for twin in same_elsewhere(search, explanation, j):
+        add(effect.name, twin)
     close = settings.within(found.score.statistic, least=LISTED)
     rubs = effect.name == "coulomb_friction"
     alike: list[Candidate] = []

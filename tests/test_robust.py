@@ -1237,3 +1237,15 @@ def test_dry_friction_does_not_stand_beside_what_refines_it(tmp_path):
     model, runs, unseen, _ = loaded_trial(tmp_path, 258913684971707, effects=1, bits=14, at_least=50.0)
     (finding,) = diagnose(model, runs, unseen).content["findings"]
     assert (finding["effect"], finding["location"]) == ("asymmetric_friction", {"kind": "joint", "index": 2})
+
+
+def test_no_experiment_is_asked_for_to_part_what_turns_alike(tmp_path):
+    """Stick-slip friction of joint 1, which motor 1 alone drives: no motion parts the two; there is none to record."""
+    model, runs, unseen, _ = loaded_trial(tmp_path, 172570246813453, effects=1, bits=17, at_least=50.0)
+    content = diagnose(model, runs, unseen).content
+    (finding,) = content["findings"]
+    assert (finding["effect"], finding["location"]) == ("stribeck_friction", {"kind": "joint", "index": 1})
+    assert {"effect": "stribeck_friction", "location": {"kind": "motor", "index": 1}} in finding[
+        "indistinguishable_from"
+    ]
+    assert content["next_experiment"] is None
