@@ -310,12 +310,12 @@ def _next(diagnosis: Mapping[str, Any]) -> str:
 
 
 def _telling_apart(findings: Sequence[Mapping[str, Any]]) -> str:
-    """List what would separate findings from what they cannot be told from."""
+    """List what would separate findings from other effects; what reveals an effect does not tell where it sits."""
     rows = []
     for finding in findings:
         for other in finding.get("indistinguishable_from") or []:
             effect = CATALOGUE.get(str(other.get("effect")))
-            if effect is not None and effect.revealed_by:
+            if effect is not None and effect.revealed_by and effect.name != finding["effect"]:
                 rows.append([candidate(finding), candidate(other), effect.revealed_by])
     return table(["To tell", "from", "record"], rows) if rows else ""
 

@@ -207,3 +207,11 @@ def test_colours_differ_for_every_kind_of_eye():
     """Lightness of the scales of heat maps rises steadily, so that they read in grey and in any colour vision."""
     rgb = svg.paint(np.linspace(0, 1, 50)[None], (0, 1), svg.SEQUENTIAL)[0].astype(float)
     assert (np.diff(rgb @ [0.2126, 0.7152, 0.0722]) > -0.5).all()
+
+
+@pytest.mark.parametrize(("other", "advised"), [("load_dependent_friction", True), ("coulomb_friction", False)])
+def test_what_reveals_an_effect_is_no_advice_on_where_it_sits(model, evidence, other, advised):
+    diagnosis = view_cases.diagnosis()
+    place = {"kind": "joint", "index": 2} if advised else {"kind": "motor", "index": 2}
+    diagnosis["findings"][0]["indistinguishable_from"] = [{"effect": other, "location": place}]
+    assert ("To tell" in report_html(diagnosis, evidence, model)) == advised
