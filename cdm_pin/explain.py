@@ -10,12 +10,13 @@ from .candidates import Candidate
 from .events import ProgressCallback, Reporter
 from .everywhere import everything, rubs_everywhere
 from .explanation import Explanation, explained
-from .growing import grow
-from .leftover import tones
+from .growing import adjusted, grow
+from .leftover import clear_noise, tones
 from .patching import beside_looser, has_a_name, patch, renamed, unpatched
 from .plainness import peaked, peakless, plainer, simplest
 from .polishing import all_late
 from .pruning import coupled, prune, pruned, warmed
+from .rubbing import rubbing
 from .search import Search
 from .settling import settled
 
@@ -58,16 +59,19 @@ def explain(
             if c.key not in but and (search.drift is None or c.effect.name != WANDERS)
         ]
     )
-    accepted = list(start)
+    accepted = list(start) or [c for c in rubbing(search, bank) if c.key not in but]
+    if accepted and not start:
+        search, bank, accepted = adjusted(search, bank, accepted, clear_noise(search, accepted))
     turns = 1 + search.most // search.settings.at_once
     for turn in range(turns):
         say("searching", 0.1 + 0.8 * turn / turns)
+        before = {c.key for c in accepted}
         search, bank, grown = grow(search, bank, accepted, say)
         if not turn and grown and rubs_everywhere(search, bank, grown):
             return everything(search, bank, say)
         accepted = patch(search, bank, grown) or grown
         if accepted is grown:
-            if len(grown) < search.settings.at_once:
+            if len(grown) < search.settings.at_once or {c.key for c in grown} == before:
                 break
         elif has_a_name(search, bank, grown, accepted):
             accepted = grown

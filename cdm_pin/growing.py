@@ -23,6 +23,7 @@ from .search import Search
 from .settling import in_turn
 from .shapes import tuned
 from .significance import passes
+from .whitening import Whitener
 
 NEARLY_PARALLEL = 0.97
 """Cosine beyond which two motors' coordinate may be a joint's behind a wrong cable map."""
@@ -51,18 +52,25 @@ def grow(search: Search, bank: Bank, accepted: list[Candidate], say: Reporter) -
             break
         if any(winner[0].clashes(c) for c in accepted):  # a push that grew into another one
             break
-        accepted = tuned(search, [*accepted, winner[0]], clear.whitener)
-        search = about(search, search.fit(accepted, clear.whitener))
-        bank = search.renewed(bank)
-        for _ in range(3):
-            before, accepted = accepted, polish(search, bank, accepted)
-            if not is_provisional(before, accepted):
-                break
-            search, accepted = in_turn(search, accepted, clear_noise(search, accepted), rounds=3)
-            bank = search.renewed(bank)
-        accepted = tuned(search, accepted, clear_noise(search, accepted))
-        search, bank, accepted = _sided(search, bank, accepted)
+        search, bank, accepted = adjusted(search, bank, [*accepted, winner[0]], clear.whitener)
     return search, bank, accepted
+
+
+def adjusted(
+    search: Search, bank: Bank, accepted: list[Candidate], whitener: Whitener
+) -> tuple[Search, Bank, list[Candidate]]:
+    """Adjust effects to each other: their shapes in a given noise, then which of them stand, and on what side."""
+    accepted = tuned(search, accepted, whitener)
+    search = about(search, search.fit(accepted, whitener))
+    bank = search.renewed(bank)
+    for _ in range(3):
+        before, accepted = accepted, polish(search, bank, accepted)
+        if not is_provisional(before, accepted):
+            break
+        search, accepted = in_turn(search, accepted, clear_noise(search, accepted), rounds=3)
+        bank = search.renewed(bank)
+    accepted = tuned(search, accepted, clear_noise(search, accepted))
+    return _sided(search, bank, accepted)
 
 
 def _is_outdone(search: Search, clear: Fit, bank: Bank, accepted: list[Candidate], winner) -> bool:

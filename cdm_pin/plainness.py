@@ -14,7 +14,7 @@ from .effects import CATALOGUE
 from .explanation import Explanation, estimated, explained, unsound, with_effects
 from .fit import Fit, own_covariance
 from .friction_effects import extremes
-from .leaders import UNLIKELIER
+from .leaders import UNLIKELIER, same_width
 from .likelihood import REFINING, evidence, gain, has_ratio, likeliest
 from .search import Search, errors, rms
 from .shapes import refine
@@ -78,7 +78,7 @@ def _simplest_at(explanation: Explanation, j: int, taken: frozenset[tuple[str, s
     """
     search, found, lead = explanation.search, explanation.found[j], 0.0
     without = search.without(explanation.fit, j)
-    plainest = _plainest(explanation, j)
+    plainest = _as_wide(search, without, _plainest(explanation, j), [c for c, _ in found.rivals])
     best = own = likeliest(search, without, plainest)[0]
     rivals = [
         (c, d)
@@ -138,6 +138,16 @@ def _plainest(explanation: Explanation, j: int) -> Candidate:
     fewer = [c for c in explanation.bank.laws.candidates if c.key == own.key and search.size(c) < search.size(own)]
     worth = [gain(search, without, c, search.score(without, c)) for c in fewer]
     return own if max(worth, default=-np.inf) <= found.gain else fewer[int(np.argmax(worth))]
+
+
+def _as_wide(search: Search, fit: Fit, law: Candidate, rivals: list[Candidate]) -> Candidate:
+    """Give a law the width of the smooth sign that was found for a rival in its place, if it explains more with it.
+
+    Else what the rival gains by its width would look like what it is finer by.
+    """
+    trials = [trial for c in rivals if (trial := same_width(law, c)) is not law]
+    best = max([law, *trials], key=lambda c: gain(search, fit, c, search.score(fit, c)))
+    return law if best is law else refine(search, fit, best, 3)[0]
 
 
 def drives(search: Search, fit: Fit, candidate: Candidate) -> bool:

@@ -14,7 +14,8 @@ from .leaders import best_of, leading, same_width
 from .leftover import clear_noise
 from .likelihood import gain, likelihood
 from .masses import about
-from .places import delay_places
+from .model import CableModel
+from .places import delay_places, kinds_of, twin_places
 from .search import Search
 from .settling import settled
 from .shapes import refine
@@ -35,7 +36,7 @@ def polish(search: Search, bank: Bank, accepted: list[Candidate], rounds: int = 
             others = [c for i, c in enumerate(accepted) if i != j]
             fit = search.fit(others, whitener)
             rivals = leading(search, fit, bank, 6, others, instead=[accepted[j]])
-            leaders = [c for c, _, _ in rivals if c.key != accepted[j].key]
+            leaders = [c for c, _, _ in rivals if not _is_same(c, accepted[j], search.problem.model)]
             trial = best_of(search, fit, [accepted[j], *leaders])
             if trial is not None:
                 accepted = [*others[:j], trial[0], *others[j:]]
@@ -48,6 +49,15 @@ def polish(search: Search, bank: Bank, accepted: list[Candidate], rounds: int = 
         if _leans_on(search, whitener, before, accepted):
             return before
     return accepted
+
+
+def _is_same(candidate: Candidate, other: Candidate, model: CableModel) -> bool:
+    """Whether two are the same effect at the same place, or at one that turns with it."""
+    if candidate.effect != other.effect:
+        return False
+    return candidate.key == other.key or candidate.place in twin_places(
+        model, other.place, kinds_of(other.effect.places, model)
+    )
 
 
 def all_late(search: Search, accepted: list[Candidate]) -> tuple[Search, list[Candidate]]:

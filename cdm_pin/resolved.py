@@ -64,9 +64,9 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
     own, visible = rms(search, torque), 1.0
     if own[m:].any():
         return True
-    least = search.settings.torque_error * (problem.band.cutoff / max(problem.sensors.trusted, 1e-3)) ** 2
-    least = least * search.loads[:m]
+    least = search.settings.torque_error * search.loads[:m]
     if not candidate.named:
+        least = least * (problem.band.cutoff / max(problem.sensors.trusted, 1e-3)) ** 2
         W = beta @ search.white(fit.whitener, search.columns(candidate))
         visible = float(np.linalg.norm(fit.rest(W)) / max(np.linalg.norm(W), 1e-300))
         least = np.maximum(least, ROUNDED * problem.sensors.rounding)

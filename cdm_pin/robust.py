@@ -16,6 +16,7 @@ from .problem import Problem
 from .scores import Score, scored
 from .search import Search
 from .walking import walking_noise
+from .whitening import Whitener
 
 OF_TIME = ("external_torque", "unnamed_time", "unnamed_stiffening")
 """Functions of time: slow ones look like drifts of zeros."""
@@ -37,19 +38,27 @@ def is_coarse(problem: Problem) -> bool:
 def robust_score(search: Search, fit: Fit, candidate: Candidate) -> Score:
     """Score one candidate beside a fit, with care about what the noise of the fit leaves out.
 
-    Where positions are too coarse for the accelerations in the band, the statistic is no more than in white noise
-    clearly larger than what the sensors bring by themselves: no residual shows what errors of accelerations have in
-    common with the columns. Where zeros walk, what has no name is no more than beside noise that does.
+    Where positions are too coarse for the accelerations in the band, the statistic is no more than where white noise
+    clearly larger than what the sensors bring by themselves is there beside what the fit leaves: no residual shows what
+    errors of accelerations have in common with the columns. Where zeros walk, what has no name is no more than beside
+    noise that does.
     """
     score, cautious = _in_bursts(search, fit, candidate), []
     if not candidate.named and (walking := walking_noise(search, fit)) is not None:
-        cautious.append((walking, 1.0))
+        cautious.append(walking)
     if is_coarse(search.problem) and not _is_travel(search, candidate):
-        cautious.append((search.sensed, UNSURE))
-    for noise, larger in cautious:
+        cautious.append(_with_sensors(search, fit.whitener))
+    for noise in cautious:
         other = _in_bursts(search, search.fit(fit.effects, noise), candidate)
-        score = replace(score, statistic=min(score.statistic, other.statistic / larger**2))
+        score = replace(score, statistic=min(score.statistic, other.statistic))
     return score
+
+
+def _with_sensors(search: Search, noise: Whitener) -> Whitener:
+    """Give a noise with clearly more than what the sensors bring by themselves beside it."""
+    recent = search.recent("with_sensors")
+    known = recent.get(noise)
+    return known if known is not None else recent.keep(noise.with_white(UNSURE * search.problem.sensed), noise)
 
 
 def _is_travel(search: Search, candidate: Candidate) -> bool:

@@ -191,11 +191,6 @@ class Search:
         parts = [whitener(bank, run, r) for r, (bank, run) in enumerate(zip(banks, segments, strict=True))]
         return np.concatenate(parts, axis=1)
 
-    @cached_property
-    def sensed(self) -> Whitener:
-        """White noise as large as what the sensors bring by themselves."""
-        return Whitener.white(self.problem.sensed, len(self.problem.runs))
-
     @property
     @lasting
     def common(self) -> tuple[Candidate, ...]:

@@ -38,7 +38,7 @@ class Settings:
     alarm: float = 2e-3
     visible: float = 0.004
     law_error: float = 0.006
-    torque_error: float = 1.5e-4
+    torque_error: float = 1.0e-4
     patch_error: float = 3.3
     patch_law_error: float = 0.05
     same: float = 0.95

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, solve_toeplitz
 from scipy.special import gammaln
 from scipy.stats import chi2
 
@@ -15,6 +15,9 @@ from .geometry import Vector
 from .signals_filters import stretches
 
 Segments = Sequence[tuple[int, int]]
+
+SPECTRUM = 8192
+"""Points of a spectrum that is added to another."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,25 @@ class Whitener:
     def white(cls, level: Vector, n_runs: int) -> Whitener:
         """White noise of a standard deviation per channel, shape (n_channels,), in channels that share none of it."""
         return cls(np.zeros((len(level), 1)), np.diag(1.0 / level), np.ones(n_runs))
+
+    def with_white(self, level: Vector) -> Whitener:
+        """Give the whitener of the same noise with white noise of its own in each channel beside it.
+
+        The spectra add up; the autoregression has the autocovariances of the sum (Yule-Walker).
+
+        Parameters
+        ----------
+        level : ndarray, shape (n_channels,)
+            Standard deviation of the white noise.
+        """
+        covariance = np.linalg.inv(self.mix) @ np.linalg.inv(self.mix).T
+        coefficients = np.empty_like(self.coefficients)
+        for c, (own, white) in enumerate(zip(self.coefficients, level, strict=True)):
+            spectrum = covariance[c, c] / np.abs(np.fft.rfft([1.0, *-own], SPECTRUM)) ** 2 + white**2
+            lags = np.fft.irfft(spectrum)[: len(own) + 1]
+            coefficients[c] = solve_toeplitz(lags[:-1], lags[1:])
+            covariance[c, c] = lags[0] - coefficients[c] @ lags[1:]
+        return Whitener(coefficients, np.linalg.inv(np.linalg.cholesky(covariance)), self.scale)
 
     @property
     def order(self) -> int:
