@@ -5,12 +5,12 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from .candidates import Candidate
+from .candidates import Candidate, Identity
 from .effects import CATALOGUE
 from .fit import Body, Fit
 from .geometry import Vector
@@ -122,16 +122,24 @@ class WhiteBank:
     full, left : ndarray, shape (n_columns,)
     wide : list of (ndarray of int, shape (n,), ndarray of int, shape (n, k), ndarray, shape (n, k, k))
         Candidates with k columns, two or more; their columns; the inner products of these.
+    body : Body
+    own : ndarray, shape (n_columns,)
+        Inner products with what the rigid body leaves of the data.
+    met : dict
+        Inner products with the columns of effects that stood in a fit, shape (n_columns, k) each.
     """
 
     W: Vector
     full: Vector
     left: Vector
     wide: list[tuple[np.ndarray, np.ndarray, Vector]]
+    body: Body
+    own: Vector
+    met: dict[Identity, Vector] = field(default_factory=dict)
 
     def scores(self, fit: Fit, bank: Bank) -> list[Score]:
         """Score every candidate against a fit in this noise."""
-        inside, c = self.W @ fit.Q, self.W @ fit.residual
+        inside, c = self._inside(fit)
         left = np.maximum(self.left - np.einsum("ij,ij->i", inside, inside), 0.0)
         alone = score_single(c, self.full, left)
         signs = [candidate.signs for candidate in bank.candidates]
@@ -142,6 +150,21 @@ class WhiteBank:
             for i, score in zip(own, scores, strict=True):
                 out[i] = score
         return out
+
+    def _inside(self, fit: Fit) -> tuple[Vector, Vector]:
+        """Give the inner products with the basis of a fit's effects and with its residual.
+
+        They follow from those with the effects' columns, of which each is computed once.
+        """
+        if fit.weights is None or fit.body is not self.body:
+            return self.W @ fit.Q, self.W @ fit.residual
+        parts = [np.zeros((len(self.W), 0))]
+        for candidate, free in zip(fit.effects, fit.free, strict=True):
+            if candidate.identity not in self.met:
+                self.met[candidate.identity] = self.W @ free.T
+            parts.append(self.met[candidate.identity])
+        inside = np.concatenate(parts, axis=1) @ fit.weights
+        return inside, self.own - inside @ (fit.Q.T @ self.body.residual)
 
 
 def whitened(bank: Bank, whitener: Whitener, segments: Sequence[Segments], body: Body) -> WhiteBank:
@@ -157,4 +180,4 @@ def whitened(bank: Bank, whitener: Whitener, segments: Sequence[Segments], body:
         rows = np.array([np.arange(bank.slices[i].start, bank.slices[i].stop) for i in own])
         grams = np.array([W[r] @ W[r].T - inside[r] @ inside[r].T for r in rows])
         wide.append((own, rows, grams))
-    return WhiteBank(W, full, left, wide)
+    return WhiteBank(W, full, left, wide, body, W @ body.residual)

@@ -46,6 +46,10 @@ class Fit:
     body : Body
     Q : ndarray, shape (n_rows, rank)
         Orthonormal basis of the effects' columns as far as the rigid body leaves them over.
+    free : tuple of ndarray, shape (k, n_rows)
+        These columns, per effect.
+    weights : ndarray, shape (sum k, rank), or None
+        What Q is made of them with; None where it has more in it.
     residual : ndarray, shape (n_rows,)
         Whitened.
     base : ndarray
@@ -61,6 +65,8 @@ class Fit:
     effects: tuple[Candidate, ...]
     body: Body
     Q: Vector
+    free: tuple[Vector, ...]
+    weights: Vector | None
     residual: Vector
     base: Vector
     beta: tuple[Vector, ...]
@@ -95,7 +101,8 @@ def fitted(
     """Fit effects, whose own whitened columns are given, beside the rigid body."""
     X = np.concatenate([np.zeros((0, len(body.data))), *own])
     inside = X @ body.Q
-    free, size = X - inside @ body.Q.T, np.linalg.norm(X, axis=1)
+    whole, size = X - inside @ body.Q.T, np.linalg.norm(X, axis=1)
+    free = whole.copy()
     signs = np.array([s for c, x in zip(effects, own, strict=True) for s in _minor_signs(c, len(x))])
     if len(free) > 40:
         free[at_bound(free, body.residual, size, signs)] = 0.0
@@ -111,10 +118,10 @@ def fitted(
     covariance[:p, p:] = carried @ covariance[p:, p:]
     covariance[p:, :p] = covariance[:p, p:].T
     covariance[:p, :p] = body.inverse @ body.inverse.T + covariance[:p, p:] @ carried.T
-    sizes = np.cumsum([0, *[len(x) for x in own]])
-    beta = tuple(theta[a:b] for a, b in itertools.pairwise(sizes))
+    ends = list(itertools.pairwise(np.cumsum([0, *[len(x) for x in own]])))
+    beta, parts = tuple(theta[a:b] for a, b in ends), tuple(whole[a:b] for a, b in ends)
     residual = body.residual - Q @ (Q.T @ body.residual)
-    return Fit(problem, whitener, tuple(effects), body, Q, residual, base, beta, covariance)
+    return Fit(problem, whitener, tuple(effects), body, Q, parts, inverse, residual, base, beta, covariance)
 
 
 def _minor_signs(candidate: Candidate, k: int) -> list[int]:

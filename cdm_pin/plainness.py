@@ -146,6 +146,8 @@ def _as_wide(search: Search, fit: Fit, law: Candidate, rivals: list[Candidate]) 
     Else what the rival gains by its width would look like what it is finer by.
     """
     trials = [trial for c in rivals if (trial := same_width(law, c)) is not law]
+    if not trials:
+        return law
     best = max([law, *trials], key=lambda c: gain(search, fit, c, search.score(fit, c)))
     return law if best is law else refine(search, fit, best, 3)[0]
 

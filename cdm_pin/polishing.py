@@ -12,7 +12,7 @@ from .candidates import Candidate
 from .effects import DRAGS
 from .leaders import best_of, leading, same_width
 from .leftover import clear_noise
-from .likelihood import gain, likelihood
+from .likelihood import gain, has_ratio, likelihood
 from .masses import about
 from .model import CableModel
 from .places import delay_places, kinds_of, twin_places
@@ -21,6 +21,9 @@ from .settling import settled
 from .shapes import refine
 from .significance import from_errors_of_laws, passes
 from .whitening import Whitener
+
+MANY = 6
+"""Effects beyond which those that have been looked at together are not again with each one that comes."""
 
 
 def polish(search: Search, bank: Bank, accepted: list[Candidate], rounds: int = 2) -> list[Candidate]:
@@ -97,9 +100,10 @@ def _leans_on(search: Search, whitener: Whitener, before: list[Candidate], after
 
 
 def _merge(search: Search, bank: Bank, accepted: list[Candidate], whitener: Whitener) -> list[Candidate]:
-    """Replace two effects by one where one explains as much."""
-    for i in range(len(accepted)):
-        for j in range(i + 1, len(accepted)):
+    """Replace two effects by one where one explains as much; of many, the newest and another."""
+    n = len(accepted)
+    for i in range(n):
+        for j in range(i + 1 if n <= MANY else max(i + 1, n - 1), n):
             if not (accepted[i].named and accepted[j].named):
                 continue
             without = search.without(search.fit(accepted, whitener), i, j)
@@ -110,6 +114,8 @@ def _merge(search: Search, bank: Bank, accepted: list[Candidate], whitener: Whit
             leaders = leading(search, without, bank, 4, others, instead=[accepted[i], accepted[j]])
             single = best_of(search, without, [c for c, _, _ in leaders])
             slack = max(search.settings.close, 0.02 * min(_alone(search, accepted, x, whitener) for x in (i, j)))
+            if single is not None and has_ratio(single[0]):  # at the right ratio it may come near any two
+                slack = -search.settings.close
             if single is not None and gain(search, without, *single) >= both - slack:
                 return [*others, single[0]]
     return accepted

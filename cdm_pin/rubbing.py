@@ -60,5 +60,3 @@ def _by_two(search: Search, bank: Bank, fit: Fit) -> float:
         laws += [c for c, _, _ in leading(search, beside, bank, 1, laws)]
         beside = search.fit(laws, fit.whitener)
     return min([beside.deviance, *(fit.deviance - s for s in patches)])
-
-

@@ -289,9 +289,10 @@ class Search:
     def score(self, fit: Fit, candidate: Candidate) -> Score:
         """Score one candidate."""
         W = self.white(fit.whitener, self.columns(candidate))
-        rest = fit.rest(W)
-        gram = rest @ rest.T
-        return scored(gram, rest @ fit.residual, np.einsum("ij,ij->i", W, W), np.diag(gram), candidate.signs)
+        inside = np.concatenate([W @ fit.body.Q, W @ fit.Q], axis=1)
+        gram = W @ W.T
+        full, gram = np.diag(gram), gram - inside @ inside.T
+        return scored(gram, W @ fit.residual, full, np.maximum(np.diag(gram), 0.0), candidate.signs)
 
 
 def errors(search: Search, base: Vector, effects: Sequence[Candidate], beta: Sequence[Vector]) -> list[Vector]:

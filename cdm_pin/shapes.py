@@ -145,7 +145,7 @@ def loosened(search: Search, fit: Fit) -> Fit:
     W = _white_slopes(search, fit)
     basis = least_squares(fit.rest(W), fit.residual, np.linalg.norm(W, axis=1))[1]
     residual = fit.residual - basis @ (basis.T @ fit.residual)
-    return replace(fit, Q=np.concatenate([fit.Q, basis], axis=1), residual=residual)
+    return replace(fit, Q=np.concatenate([fit.Q, basis], axis=1), weights=None, residual=residual)
 
 
 def _white_slopes(search: Search, fit: Fit) -> Vector:
