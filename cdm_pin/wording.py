@@ -60,6 +60,7 @@ _CLAUSES = {
     "{time_constant}][, its drag of {viscous} with it]",
     "joint_spring": "{place} is pulled by a spring of {stiffness}[ towards {rest}]",
     "spring_away": "{place} is pushed away[ from {rest}] by a spring of {stiffness}",
+    "spring_unsure": "{place} is pulled by a spring[ towards {rest}], of a stiffness that is hardly known, {stiffness}",
     "spring_that_stiffens": "{place} is pulled by a spring that stiffens, {cubic}",
     "cable_elasticity": "{place} stretches, with a stiffness of {stiffness}[ and a damping of {damping}]",
     "backlash": "{place} has lost motion of {half_gap} to each side at every reversal",
@@ -209,7 +210,7 @@ def _special(finding: Content, parameters: Content) -> tuple[str, Content]:
     cubic = parameters.get("cubic")
     if not _is_known(stiffness):
         stiffens = isinstance(cubic, Mapping) and _is_known(cubic, "cubic") and cubic["value"] > 0.0
-        return "spring_that_stiffens" if stiffens else "", parameters
+        return "spring_that_stiffens" if stiffens else "spring_unsure", parameters
     if stiffness["value"] < 0.0:
         return "spring_away", {**parameters, "stiffness": {**stiffness, "value": -stiffness["value"]}}
     return "", parameters

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from trials import search_of
 
+from cdm_pin import rubbing as friction_first
 from cdm_pin.band import make_band
 from cdm_pin.bank import all_candidates
 from cdm_pin.candidates import Candidate
@@ -85,6 +86,17 @@ def test_friction_everywhere_is_seen_and_sized(model):
 def test_friction_at_one_axis_is_not_everywhere(model):
     search = search_of(model, run(model, 2, ((0.3, 0.2, 0.1), (0, 0, 0), (0, 0, 0))), make_band(RATE, 8.0))
     assert not rubs_everywhere(search, search.bank(all_candidates(search.problem)), [])
+
+
+@pytest.mark.parametrize("axes", [3, 2, 1])
+def test_the_search_starts_from_friction_of_most_axes(model, axes):
+    """Friction at one axis alone is no start: two laws explain all of it."""
+    friction = [(viscous, dry, 0.0) if k < axes else (0.0, 0.0, 0.0) for k, (viscous, dry, _) in enumerate(FRICTION)]
+    search = search_of(model, run(model, 3, friction), make_band(RATE, 8.0))
+    start = friction_first.rubbing(search, search.bank(all_candidates(search.problem)))
+    laws = {(c.effect.name, c.location["index"]) for c in start}
+    names = ("viscous_friction", "coulomb_friction")
+    assert laws == ({(name, joint) for name in names for joint in (1, 2, 7)[:axes]} if axes > 1 else set())
 
 
 @pytest.mark.parametrize(("law", "everywhere"), [(100.0, True), (2900.0, True), (3100.0, False)])

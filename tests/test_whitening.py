@@ -93,3 +93,17 @@ def test_bursts_of_one_kind_of_channel_leave_the_others_alone():
     assert np.array_equal(both.coefficients[:1], alone.coefficients)
     assert both.mix[0, 0] == alone.mix[0, 0] and both.mix[1, 0] == 0.0
     assert both.mix[1, 1] == pytest.approx(1.0, rel=0.15)  # as if there were no burst
+
+
+def test_white_noise_beside_another_is_that_of_the_sum():
+    """An autoregression with white noise added is whitened as one that was fitted to the sum of both."""
+    rng = np.random.default_rng(5)
+    n, level = 100_000, np.array([2.0, 1.0])
+    steps = rng.normal(size=(2, n))
+    slow = lfilter([1.0], [1.0, -0.95], steps[0]), lfilter([1.0], [1.0, -0.5], steps[1] + 0.5 * steps[0])
+    own = fit_whitener([np.array(slow)], [[(0, n)]], 12)
+    both = own.with_white(level)
+    fitted = fit_whitener([np.array(slow) + level[:, None] * rng.normal(size=(2, n))], [[(0, n)]], 12)
+    np.testing.assert_allclose(both.coefficients, fitted.coefficients, atol=0.02)
+    np.testing.assert_allclose(both.mix, fitted.mix, atol=0.02)
+    np.testing.assert_allclose(own.with_white(np.zeros(2)).coefficients, own.coefficients, atol=0.02)
