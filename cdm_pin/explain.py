@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from .asked import unnamed
 from .bank import all_candidates
@@ -13,7 +14,7 @@ from .explanation import Explanation, explained
 from .growing import adjusted, grow
 from .leftover import clear_noise, tones
 from .patching import beside_looser, has_a_name, patch, renamed, unpatched
-from .plainness import peaked, peakless, plainer, simplest
+from .plainness import peaked, peakless, placed, plainer, simplest
 from .polishing import all_late
 from .pruning import coupled, prune, pruned, warmed
 from .rubbing import rubbing
@@ -62,6 +63,7 @@ def explain(
     accepted = list(start) or [c for c in rubbing(search, bank) if c.key not in but]
     if accepted and not start:
         search, bank, accepted = adjusted(search, bank, accepted, clear_noise(search, accepted))
+        search.settings = replace(search.settings, most=search.settings.most + len(accepted))  # faults beside it
     turns = 1 + search.most // search.settings.at_once
     for turn in range(turns):
         say("searching", 0.1 + 0.8 * turn / turns)
@@ -90,6 +92,6 @@ def explain(
             search, accepted = settled(there, prune(there, more))
     search, accepted = unpatched(search, bank, accepted)
     explanation = plainer(renamed(explained(search, search.renewed(bank), accepted)))
-    explanation = coupled(pruned(warmed(peakless(peaked(simplest(explanation))))))
+    explanation = coupled(pruned(warmed(peakless(peaked(simplest(placed(explanation)))))))
     say.looked(explanation.fit)
     return explanation

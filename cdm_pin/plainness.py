@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .candidates import Candidate
+from .candidates import Candidate, at_known_place
 from .doubts import COMPLIANT
 from .drifting import still
 from .effects import CATALOGUE
@@ -55,6 +55,15 @@ def plainer(explanation: Explanation, equal: float = 1.0) -> Explanation:
             if more > best:
                 best, chosen = more, trial
     return explanation if chosen is accepted else explained(search, explanation.bank, chosen)
+
+
+def placed(explanation: Explanation) -> Explanation:
+    """Give the coordinate of two motors the name of a joint or a motor that its ratio, estimated last, has come to."""
+    accepted, model = [f.candidate for f in explanation.found], explanation.search.problem.model
+    taken = {c.key for c in accepted}
+    known = [at_known_place(c, model) for c in accepted]
+    laws = [new if new.key not in taken else c for c, new in zip(accepted, known, strict=True)]
+    return with_effects(explanation, laws)
 
 
 def simplest(explanation: Explanation, spoilt: frozenset[tuple[str, str]] = frozenset()) -> Explanation:
