@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -112,6 +113,7 @@ class _Paper:
         self.scale = float(min((width - 2 * margin) / span[0], (height - 2 * margin) / span[1]))
         self.width, self.height = width, int(self.scale * span[1] + 2 * margin)
         self.offset = np.array([(width - self.scale * span[0]) / 2, margin]) - self.scale * low
+        self.marked: Counter[tuple[int, int]] = Counter()  # how many numbers stand at a spot
 
     def at(self, point: Points) -> tuple[float, float]:
         x, y = self.scale * np.asarray(point) + self.offset
@@ -175,9 +177,12 @@ def _cable_spot(location: Mapping[str, Any], index: int, robot: Skeleton) -> Poi
 
 
 def _ring(paper: _Paper, spot: Points, number: int) -> str:
+    """Ring a spot; numbers at one spot stand side by side."""
     x, y = paper.at(spot)
     ring = paper.circle(spot, 15, "none", VERMILLION, 'stroke-width="3.5" class="mark"')
-    badge = f'<circle cx="{x + 16:.1f}" cy="{y - 17:.1f}" r="9" fill="{VERMILLION}"/>'
+    right = x + 16 + 19 * paper.marked[round(x), round(y)]
+    paper.marked[round(x), round(y)] += 1
+    badge = f'<circle cx="{right:.1f}" cy="{y - 17:.1f}" r="9" fill="{VERMILLION}"/>'
     return (
-        ring + badge + svg.text(x + 16, y - 13, str(number), anchor="middle", extra='fill="#FFFFFF" font-weight="700"')
+        ring + badge + svg.text(right, y - 13, str(number), anchor="middle", extra='fill="#FFFFFF" font-weight="700"')
     )

@@ -111,7 +111,7 @@ class Whitener:
             lags = np.fft.irfft(spectrum)[: len(own) + 1]
             coefficients[c] = solve_toeplitz(lags[:-1], lags[1:])
             covariance[c, c] = lags[0] - coefficients[c] @ lags[1:]
-        return Whitener(coefficients, np.linalg.inv(np.linalg.cholesky(covariance)), self.scale)
+        return Whitener(coefficients, np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), float), self.scale)
 
     @property
     def order(self) -> int:

@@ -130,6 +130,12 @@ def test_marks_stand_on_the_places(model):
     assert rings[0] == hubs[1]
 
 
+def test_numbers_of_one_place_stand_side_by_side(model):
+    picture = robot_picture(model, [{"kind": "joint", "index": 2}] * 3)
+    across, up = np.array(re.findall(r'<circle cx="([\d.]+)" cy="([\d.]+)" r="9"', picture), float).T
+    assert np.all(np.diff(across) > 18.0) and np.ptp(up) == 0.0
+
+
 def test_any_robot_has_a_picture(tmp_path):
     """A robot given by its URDF, without pulleys, is drawn and marked."""
     from cdm_pin.robots import robot_urdf
