@@ -18,7 +18,7 @@ from .friction_effects import PAUSES, PRESLIDING, Presliding, creeping, sign_tra
 from .geometry import Vector
 from .model import CableModel
 from .motion import Motion
-from .places import is_whole_cable, motor_joint_places, paired, parallel, rub_places
+from .places import is_whole_cable, kinds_of, motor_joint_places, paired, parallel, rub_places, twin_places
 
 SWUNG = 0.01
 """Share that the law of a soft cable may be wrong by, where the links' swing on it is integrated."""
@@ -291,6 +291,11 @@ class Candidate:
         estimated = self.effect.counts and (self.effect.bounds is not unbounded or not self.named)
         own = len(self.shape) - self.place.is_pair if estimated else 0
         return max(min(own, 2 + self.effect.nuisance_shape) - self.effect.nuisance_shape, 0) + self.place.is_pair
+
+
+def twins(candidate: Candidate, model: CableModel) -> list[Place]:
+    """List the other places at which an effect is the same for any motion; a wrong cable map parts them."""
+    return twin_places(model, candidate.place, kinds_of(candidate.effect.places, model))
 
 
 def at_known_place(candidate: Candidate, model: CableModel, alike: float = 0.9995) -> Candidate:

@@ -28,7 +28,8 @@ from .places import axis_places, joint_places, parallel
 from .scores import family_wise
 from .search import Search
 
-FRICTION = ("viscous_friction", "coulomb_friction", "torque_offset")
+RUBBING = ("viscous_friction", "coulomb_friction")
+FRICTION = (*RUBBING, "torque_offset")
 LOUD = 170.0
 """Fall of the whitened sum of squares by the friction of one axis that is many times any threshold."""
 MANY, APART = 4, 2.0
@@ -45,7 +46,7 @@ def rubs_everywhere(search: Search, bank: Bank, found: Sequence[Candidate], leas
     friction everywhere.
     """
     model = search.problem.model
-    axes = _apart(axis_places(model), model)
+    axes = apart(axis_places(model), model)
     if not search.problem.torque or len(axes) < least:
         return False
     common = at_all_axes(search, FRICTION)
@@ -125,7 +126,7 @@ def _careful_winner(search: Search, fit: Fit, clear: Fit, leaders: list[Candidat
     return None
 
 
-def _apart(places: Sequence[Place], model: CableModel) -> list[Place]:
+def apart(places: Sequence[Place], model: CableModel) -> list[Place]:
     """Give of places that are the same coordinate, but for a ratio, the first."""
     out: list[Place] = []
     for place in places:

@@ -60,9 +60,9 @@ def explain(
             if c.key not in but and (search.drift is None or c.effect.name != WANDERS)
         ]
     )
-    accepted = list(start) or [c for c in rubbing(search, bank) if c.key not in but]
-    if accepted and not start:
-        search, bank, accepted = adjusted(search, bank, accepted, clear_noise(search, accepted))
+    accepted = list(start)
+    if not start and (common := [c for c in rubbing(search, bank) if c.key not in but]):
+        search, bank, accepted = adjusted(search, bank, common, clear_noise(search, common))
         search.settings = replace(search.settings, most=search.settings.most + len(accepted))  # faults beside it
     turns = 1 + search.most // search.settings.at_once
     for turn in range(turns):

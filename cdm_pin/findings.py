@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from .candidates import SWUNG, Candidate, coupled_alike
+from .candidates import SWUNG, Candidate, coupled_alike, twins
 from .drifting import own_drifts
 from .effect import Columns, Effect
 from .effects import CATALOGUE, MAPS
@@ -23,7 +23,7 @@ from .likelihood import evidence, likeliest
 from .model import CableModel
 from .motion import Motion
 from .patches import MISREAD
-from .places import kinds_of, parallel, twin_places
+from .places import kinds_of, parallel
 from .search import Search, rms
 from .shapes import refine, shape_slopes
 from .units import unit_at
@@ -393,9 +393,7 @@ def same_elsewhere(search: Search, explanation: Explanation, j: int) -> list[Loc
     """List where finding `j` is the same for any motion: at what turns alike, unless an error of the map is found."""
     if any(c.effect.follows for c in explanation.fit.effects):
         return []
-    candidate, model = explanation.found[j].candidate, search.problem.model
-    twins = twin_places(model, candidate.place, kinds_of(candidate.effect.places, model))
-    return [dict(twin.location) for twin in twins]
+    return [dict(twin.location) for twin in twins(explanation.found[j].candidate, search.problem.model)]
 
 
 def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[dict[str, Any]]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from .asked import asked, drowned, shouted
 from .bank import Bank
-from .candidates import Candidate, at_known_place
+from .candidates import Candidate, at_known_place, twins
 from .effects import CATALOGUE, DRAGS
 from .events import Reporter
 from .fit import Fit
@@ -17,7 +17,6 @@ from .leftover import clear_noise
 from .likelihood import gain
 from .masses import about
 from .model import CableModel
-from .places import kinds_of, twin_places
 from .polishing import is_provisional, polish
 from .search import Search
 from .settling import in_turn
@@ -120,8 +119,7 @@ def _elsewhere(candidate: Candidate, model: CableModel) -> list[Candidate]:
     known = at_known_place(candidate, model, NEARLY_PARALLEL)
     if candidate.place.is_pair:
         return [known] if known is not candidate else []
-    kinds = kinds_of(candidate.effect.places, model)
-    twins = twin_places(model, candidate.place, kinds) if len(candidate.place.index) == 1 else []
-    laws = [replace(candidate, place=twin) for twin in twins]
+    places = twins(candidate, model) if len(candidate.place.index) == 1 else []
+    laws = [replace(candidate, place=place) for place in places]
     others = [CATALOGUE[name] for name in DRAGS if name != candidate.effect.name and candidate.effect.name in DRAGS]
     return laws + [replace(law, effect=effect) for effect in others for law in (candidate, *laws)]

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from .bank import Bank
-from .candidates import Candidate
+from .candidates import Candidate, twins
 from .effects import DRAGS
 from .leaders import best_of, leading, same_width
 from .leftover import clear_noise
 from .likelihood import gain, has_ratio, likelihood
 from .masses import about
 from .model import CableModel
-from .places import delay_places, kinds_of, twin_places
+from .places import delay_places
 from .search import Search
 from .settling import settled
 from .shapes import refine
@@ -58,9 +59,7 @@ def _is_same(candidate: Candidate, other: Candidate, model: CableModel) -> bool:
     """Whether two are the same effect at the same place, or at one that turns with it."""
     if candidate.effect != other.effect:
         return False
-    return candidate.key == other.key or candidate.place in twin_places(
-        model, other.place, kinds_of(other.effect.places, model)
-    )
+    return candidate.key == other.key or candidate.place in twins(other, model)
 
 
 def all_late(search: Search, accepted: list[Candidate]) -> tuple[Search, list[Candidate]]:
@@ -101,23 +100,25 @@ def _leans_on(search: Search, whitener: Whitener, before: list[Candidate], after
 
 def _merge(search: Search, bank: Bank, accepted: list[Candidate], whitener: Whitener) -> list[Candidate]:
     """Replace two effects by one where one explains as much; of many, the newest and another."""
-    n = len(accepted)
-    for i in range(n):
-        for j in range(i + 1 if n <= MANY else max(i + 1, n - 1), n):
-            if not (accepted[i].named and accepted[j].named):
-                continue
-            without = search.without(search.fit(accepted, whitener), i, j)
-            others = list(without.effects)
-            pair = without.deviance - search.fit(accepted, whitener).deviance
-            k = sum(search.score(without, c).k + c.extra for c in (accepted[i], accepted[j]))
-            both = 0.5 * pair - 0.5 * np.log(without.n_rows) * k
-            leaders = leading(search, without, bank, 4, others, instead=[accepted[i], accepted[j]])
-            single = best_of(search, without, [c for c, _, _ in leaders])
-            slack = max(search.settings.close, 0.02 * min(_alone(search, accepted, x, whitener) for x in (i, j)))
-            if single is not None and has_ratio(single[0]):  # at the right ratio it may come near any two
-                slack = -search.settings.close
-            if single is not None and gain(search, without, *single) >= both - slack:
-                return [*others, single[0]]
+    n, close = len(accepted), search.settings.close
+    for i, j in itertools.combinations(range(n), 2):
+        if not (accepted[i].named and accepted[j].named) or (n > MANY and j < n - 1):
+            continue
+        without = search.without(search.fit(accepted, whitener), i, j)
+        others = list(without.effects)
+        pair = without.deviance - search.fit(accepted, whitener).deviance
+        k = sum(search.score(without, c).k + c.extra for c in (accepted[i], accepted[j]))
+        both = 0.5 * pair - 0.5 * np.log(without.n_rows) * k
+        leaders = leading(search, without, bank, 4, others, instead=[accepted[i], accepted[j]])
+        single = best_of(search, without, [c for c, _, _ in leaders])
+        if single is None:
+            continue
+        if has_ratio(single[0]):  # at the right ratio it may come near any two
+            least = both + close
+        else:
+            least = both - max(close, 0.02 * min(_alone(search, accepted, x, whitener) for x in (i, j)))
+        if gain(search, without, *single) >= least:
+            return [*others, single[0]]
     return accepted
 
 

@@ -32,12 +32,12 @@ MOST_STRETCH = 0.35
 def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) -> bool:
     """Whether an effect is larger than what clocks, derivatives and filters leave wrong in the torque of a rigid body.
 
-    Where positions are too coarse for the accelerations in the band, that is more. Of a correction without a name that
-    share counts which the fit leaves over; it has to exceed what steps of encoders can bring, and where they are too
-    coarse what the sensors bring by themselves. A push has to last for as long as the band can tell from an outlier,
-    to exceed half a step of the torque, and where nothing moves to exceed what dry friction holds. A reading has to be
-    off by more than encoders on both sides round. A cable gives as a spring first, then as a damper. What a zero is off
-    by has to be more than it drifts by, a delay more than the instants of samples are unsure by.
+    Of a correction without a name that share counts which the fit leaves over, and where positions are too coarse for
+    the accelerations in the band, it has to be larger still; it has to exceed what steps of encoders can bring, and
+    where they are too coarse what the sensors bring by themselves. A push has to last for as long as the band can tell
+    from an outlier, to exceed half a step of the torque, and where nothing moves to exceed what dry friction holds. A
+    reading has to be off by more than encoders on both sides round. A cable gives as a spring first, then as a damper.
+    What a zero is off by has to be more than it drifts by, a delay more than the instants of samples are unsure by.
     """
     problem, push = search.problem, candidate.effect.name == "external_torque"
     if candidate.effect.name == "time_delay" and abs(beta[0]) * problem.motions[0].rate < PUNCTUAL:

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from .bank import Bank
 from .candidates import Candidate
-from .everywhere import LOUD, at_all_axes, needed, widened
+from .everywhere import LOUD, RUBBING, apart, at_all_axes, needed, widened
 from .fit import Fit
 from .leaders import leading
 from .leftover import clear_noise
-from .places import parallel
+from .places import axis_places
 from .search import Search
 
-FRICTION = ("viscous_friction", "coulomb_friction")
 MOST = 0.6
 """Axes that rub, over motors, that are most of them."""
 
@@ -25,8 +24,10 @@ def rubbing(search: Search, bank: Bank) -> list[Candidate]:
     """Give the friction to start from; none where one or two laws of a bank explain as much, or few axes rub."""
     if not search.problem.torque:
         return []
+    model = search.problem.model
+    axes = apart(axis_places(model), model)
     clear = search.fit([], clear_noise(search, []))
-    common = _one_each(search, at_all_axes(search, FRICTION))
+    common = [c for c in at_all_axes(search, RUBBING) if c.place in axes]
     whole = search.fit(common, clear.whitener)
     if clear.deviance - whole.deviance < LOUD * len(common):
         return []
@@ -34,21 +35,10 @@ def rubbing(search: Search, bank: Bank) -> list[Candidate]:
     if whole.deviance > least:
         return []
     kept = needed(search, widened(search, common))
-    axes = {(c.place.A, c.place.B) for c in kept}
-    if len(kept) < 3 or len(axes) < max(2.0, MOST * search.problem.model.n_motors):
+    rub = [axis for axis in axes if any(c.place == axis for c in kept)]
+    if len(kept) < 3 or len(rub) < max(2.0, MOST * model.n_motors):
         return []
     return kept if search.fit(kept, clear.whitener).deviance < least else []
-
-
-def _one_each(search: Search, effects: list[Candidate]) -> list[Candidate]:
-    """Leave out the same effect at what turns alike."""
-    model = search.problem.model
-    out: list[Candidate] = []
-    for c in effects:
-        own = c.place.weights(model)
-        if not any(c.effect == other.effect and parallel(own, other.place.weights(model)) for other in out):
-            out.append(c)
-    return out
 
 
 def _by_two(search: Search, bank: Bank, fit: Fit) -> float:

@@ -104,7 +104,8 @@ class Whitener:
         level : ndarray, shape (n_channels,)
             Standard deviation of the white noise.
         """
-        covariance = np.linalg.inv(self.mix) @ np.linalg.inv(self.mix).T
+        root = np.linalg.inv(self.mix)
+        covariance = root @ root.T
         coefficients = np.empty_like(self.coefficients)
         for c, (own, white) in enumerate(zip(self.coefficients, level, strict=True)):
             spectrum = covariance[c, c] / np.abs(np.fft.rfft([1.0, *-own], SPECTRUM)) ** 2 + white**2
