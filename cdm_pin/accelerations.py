@@ -146,9 +146,14 @@ def _made(x: Vector, logged: Vector | None, otherwise: Vector, rate: float, chos
 
 def residual(A: Vector, b: Vector) -> float:
     """Give the root mean square of what columns A (n, p) leave of b (n,)."""
+    return float(np.sqrt(np.mean(left_of(A, b) ** 2)))
+
+
+def left_of(A: Vector, b: Vector) -> Vector:
+    """Give what columns A (n, p) leave of b (n,)."""
     norms = np.linalg.norm(A, axis=0)
     A = A / np.where(norms > 0, norms, 1.0)
-    return float(np.sqrt(np.mean((b - A @ np.linalg.lstsq(A, b, rcond=1e-9)[0]) ** 2)))
+    return b - A @ np.linalg.lstsq(A, b, rcond=1e-9)[0]
 
 
 def _sides(signals: Signals) -> list[str]:

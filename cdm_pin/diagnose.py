@@ -208,15 +208,15 @@ def _beside_drifts(search: Search, progress: ProgressCallback | None) -> Explana
 
 
 def _drifting(search: Search) -> Search:
-    """Give the search with drifting zeros beside the rigid body; quick ones only where no pushes are likelier."""
+    """Give the search with drifting zeros beside the rigid body, where no pushes are likelier."""
     own = with_drift(search)
-    if own.drift is None or not own.drift.quicker:
+    if own.drift is None:
         return own
-    slow = with_drift(search, most=0)
-    pushes = drowned_pushes(slow, slow.bank(all_candidates(search.problem, ["external_torque"])), [])
-    if not pushes:
-        return own
-    ways = [(own, []), (slow, pushes), (with_drift(search, pushes), pushes)]
+    ways: list[tuple[Search, list[Candidate]]] = [(own, [])]
+    for calmer in [search, *([with_drift(search, most=0)] if own.drift.quicker else [])]:
+        pushes = drowned_pushes(calmer, calmer.bank(all_candidates(search.problem, ["external_torque"])), [])
+        if pushes:
+            ways += [(calmer, pushes), (with_drift(search, pushes), pushes)]
     return max(ways, key=lambda way: likelihood(*way))[0]
 
 

@@ -5,7 +5,7 @@ vibration too. In a band that is wider than this the inertias come out too small
 delay of the torque and hides all else.
 
 Where encoders are too coarse even for a narrow band, the accelerations in it are mostly their steps; those quicker than
-the torques ask for are left out.
+the torques ask for are left out, unless they ask for them somewhere: a motion may get quicker and quicker.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from .accelerations import residual
+from .accelerations import left_of
 from .base import massive_columns
 from .effects import CATALOGUE
 from .geometry import Vector
@@ -29,6 +29,8 @@ SLOWEST = 0.5  # [Hz], of accelerations that are mostly noise
 CLEAR = 0.85  # of a motor's residual in the whole band: what a narrower one has to leave at most
 NEAR = 1.03  # of the least residual
 LONGEST = 12000  # samples that are looked at
+PARTS = 8  # of what is looked at, where all of it is
+LOCALLY = 1.2  # of the least residual in a part
 
 
 def inertia_cutoff(
@@ -46,7 +48,7 @@ def inertia_cutoff(
     segments : sequence of (start, stop)
         Stretches of decimated samples that count.
     coarse : bool
-        Whether the accelerations in the band are mostly noise.
+        Whether the accelerations in the band are mostly noise. Then the whole stretch is looked at, also part by part.
 
     Returns
     -------
@@ -59,7 +61,8 @@ def inertia_cutoff(
     if not limits or not segments:
         return band.cutoff
     a, b = max(segments, key=lambda s: s[1] - s[0])
-    b = min(b, a + max(LONGEST // band.step, 64))
+    if not coarse:
+        b = min(b, a + max(LONGEST // band.step, 64))
     model, heavy = motion.model, massive_columns(motion.model)
     y = band.reduce(torque)[:, a:b]
     rub = _rub(motion, band)[..., a:b]
@@ -70,21 +73,24 @@ def inertia_cutoff(
         rotors[range(model.n_motors), range(model.n_motors)] = own.T
         X = np.concatenate([band.reduce(np.concatenate([Y, rotors]))[..., a:b], rub])
         if X.shape[2] < 2 * len(X):
-            return np.full(model.n_motors, np.nan)
+            return np.full((1, model.n_motors), np.nan)
         scale = np.sqrt(np.mean(y**2, axis=1))
-        out = [residual(X[:, i].T, y[i]) for i in range(model.n_motors)]
-        return np.maximum(out, sure * scale)
+        rests = np.array([left_of(X[:, i].T, y[i]) for i in range(model.n_motors)]) ** 2
+        parts = [rests, *np.array_split(rests, PARTS, axis=1)] if coarse else [rests]
+        return np.maximum([np.sqrt(part.mean(axis=1)) for part in parts], sure * scale)
 
     table = [left(motion.a, motion.a_m)]
     for f in limits:
         table.append(left(lowpass(motion.a, motion.rate, f), lowpass(motion.a_m, motion.rate, f)))
-    errors = np.array(table)
+    errors = np.array(table)  # cut-offs, the whole and its parts, motors
     if not np.isfinite(errors).all():  # too few samples to tell
         return band.cutoff
     if coarse:
-        enough = errors <= NEAR * errors.min(axis=0)
+        near = np.where(np.arange(errors.shape[1]) == 0, NEAR, LOCALLY)
+        enough = errors <= near[:, None] * errors.min(axis=0)
         last = len(errors) - 1 - np.argmax(enough[::-1], axis=0)
-        return float([band.cutoff, *limits][min(last)])
+        return float([band.cutoff, *limits][last.min()])
+    errors = errors[:, 0]
     best = np.minimum(errors.min(axis=0), errors[0])
     found = [band.cutoff]
     for i in np.flatnonzero(best < CLEAR * errors[0]):

@@ -203,6 +203,22 @@ def _between(model: CableModel) -> list[Place]:
     return places
 
 
+def _motor_pairs(model: CableModel) -> list[Place]:
+    """Every motor with every other one."""
+    if model.n_motors > 6:
+        return []
+    return [
+        Place({**place.location, "other": j + 1}, place.A, place.B, (i, j))
+        for i, place in enumerate(all_motor_places(model))
+        for j in range(model.n_motors)
+        if j != i
+    ]
+
+
+def _crosstalk(motion: Motion, place: Place, shape: Shape) -> Columns:
+    return Columns(along=(motion.tau_m[:, place.index[1]][None], place.weights(motion.model)))
+
+
 def _patch(name: str, places, variable: Variable, columns, region: str) -> Effect:
     return Effect(
         name,
@@ -296,6 +312,15 @@ PATCHES: dict[str, Effect] = {
         ),
     )
 } | {
+    "unnamed_crosstalk": Effect(
+        "unnamed_crosstalk",
+        (),
+        _motor_pairs,
+        _crosstalk,
+        lambda beta, shape: {},
+        signs=(),
+        revealed_by="a torque of {place} that follows that of another motor",
+    ),
     MISREAD: Effect(
         MISREAD,
         (),
@@ -304,7 +329,7 @@ PATCHES: dict[str, Effect] = {
         lambda beta, shape: {},
         signs=(),
         revealed_by="a reading of the encoder of {place} that is off by a sine of its angle",
-    )
+    ),
 }
 """Every unnamed correction by name; `revealed_by` holds the words for the region of the state."""
 RUBS = ("unnamed_rub", "unnamed_velocity", "unnamed_cross_rub", "unnamed_brake", "unnamed_wear", "unnamed_reversal")

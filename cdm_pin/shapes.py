@@ -12,6 +12,7 @@ from .candidates import Candidate
 from .fit import Fit, least_squares
 from .friction_effects import GIVES
 from .geometry import Vector
+from .pushes import LIKELY, edged
 from .scores import Score
 from .search import Search
 from .whitening import Whitener
@@ -28,7 +29,7 @@ def refine(
     best may not brake, and many others explain as much.
 
     Where the shape is the coefficient, as of a delay, it is made to be: a small share of a long delay would be a
-    low-pass, which noisy accelerations ask for.
+    low-pass, which noisy accelerations ask for. Of a push that is evident, all pairs of edges are compared first.
     """
     if not candidate.effect.counts:
         for _ in range(3 * rounds):
@@ -37,15 +38,27 @@ def refine(
             candidate = replace(candidate, shape=(delay, *candidate.shape[1:]))
         return candidate, search.score(fit, candidate)
     bounds = candidate.bounds(search.problem.motions)
-    best, score = candidate, search.score(fit, candidate)
+    best, score, reach = candidate, search.score(fit, candidate), candidate.effect.reach
+    if candidate.effect.name == "external_torque" and score.statistic > LIKELY:
+        edges, apart = edged(search, fit, candidate)
+        there = search.score(fit, edges)
+        if there.statistic > score.statistic:
+            best, score, reach = edges, there, 1.5 * apart / (bounds[0][1] - bounds[0][0])
     for _ in range(rounds if len(bounds) > 1 else 1):
         for i in range(min(len(bounds), len(candidate.shape))):
-            best, score = _refine_one(search, fit, best, score, i, bounds[i], plausibly)
+            best, score = _refine_one(search, fit, best, score, i, bounds[i], plausibly, reach)
     return best, score
 
 
 def _refine_one(
-    search: Search, fit: Fit, start: Candidate, score: Score, i: int, bounds: tuple[float, float], plausibly: bool
+    search: Search,
+    fit: Fit,
+    start: Candidate,
+    score: Score,
+    i: int,
+    bounds: tuple[float, float],
+    plausibly: bool,
+    reach: float,
 ):
     logarithmic = bounds[0] > 0
     found: list[tuple[bool, float, Candidate, Score]] = []
@@ -67,7 +80,7 @@ def _refine_one(
 
     low, high = (np.log(bounds[0]), np.log(bounds[1])) if logarithmic else bounds
     here = min(max(np.log(start.shape[i]) if logarithmic else start.shape[i], low), high)
-    reach = start.effect.reach * (high - low)
+    reach = reach * (high - low)
     if high > low:
         minimize_scalar(
             loss,

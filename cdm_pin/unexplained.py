@@ -61,6 +61,8 @@ BURSTS = 3.0
 """How many times what it mostly is a residual is on the whole (rms) that is no noise of sensors."""
 MOVING = 0.1
 """Share of a joint's speed (rms) from which on it moves."""
+AS_ONE, ERRING = 0.99, 10.0
+"""Share of a residual along one direction, and how many times the noise it has to be, that no two sensors have alike."""
 HIGHEST = 20.0
 """Frequency up to which a line is taken for a disturbance of the arm [Hz]; above it mains and amplifiers hum."""
 
@@ -282,6 +284,32 @@ def moving_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     """Say where a torque moves by itself: that wanders slowly, or swings above the band, and leaks into it."""
     wanders = wandering_torque(search, fit)
     return None if wanders is None else swinging_torque(search, fit) or wanders
+
+
+def shared_torque(search: Search, judge: Search | None, fit: Fit) -> dict[str, Any] | None:
+    """Say where the errors of several motors are one and the same, far above the noise; None where they are not.
+
+    Sensors do not err alike, so that it is something on the arm, whatever it follows. What laws explain may leave some
+    of itself.
+    """
+    problem, m = search.problem, search.problem.model.n_motors
+    if not problem.torque or not any(problem.segments):
+        return None
+    before = left_over(search, (), smooth=False)[1].rms[:m]
+    least = ERRING * np.hypot(_least(search), _accuracy(search, fit))[:m]
+    directions, parts = [], []
+    for there in [search] if judge is None or not any(judge.problem.segments) else [search, judge]:
+        parts = _inside(still_errors(there, fit), there.problem)
+        torque = np.concatenate(parts, axis=1)
+        size = np.sqrt(np.mean(torque**2, axis=1))
+        _, values, along = np.linalg.svd(torque @ torque.T)
+        loud = (size > least) & (size**2 > LEAVES * before**2) & (np.abs(along[0]) > 0.1)
+        if np.sum(loud) < 2 or values[0] < AS_ONE * values.sum():
+            return None
+        directions.append(along[0])
+    if abs(directions[0] @ directions[-1]) < AS_ONE:
+        return None
+    return _torque_that("no law describes", parts, problem.model)
 
 
 def wandering_travel(search: Search, fit: Fit) -> dict[str, Any] | None:

@@ -25,6 +25,7 @@ from .unexplained import (
     moving_torque,
     nameless,
     of_no_size,
+    shared_torque,
     ringing_torque,
     swinging_torque,
     wandering_travel,
@@ -182,6 +183,16 @@ def _above_noise(verdict: Verdict, *, shared: bool = False) -> Verdict:
     return verdict.keeping(lambda j: fi.outweighs(verdict.model, explanation.found[j], motor, excess))
 
 
+def _shared(verdict: Verdict) -> Verdict:
+    """Whether several motors err alike, far above the noise; what acts there is not known then."""
+    unexplained = shared_torque(verdict.search, verdict.judge, verdict.fit)
+    if unexplained is None:
+        return verdict
+    verdict, found = replace(verdict, unexplained=unexplained), verdict.explanation.found
+    place = unexplained["location"]
+    return verdict.keeping(lambda j: found[j].candidate.location != place)
+
+
 def _moving(verdict: Verdict) -> Verdict:
     """Whether a torque or a travel moves by itself."""
     search, fit = verdict.search, verdict.fit
@@ -242,6 +253,7 @@ GATES: Sequence[Callable[[Verdict], Verdict]] = (
     _corrected,
     _uncorrected,
     _above_noise,
+    _shared,
     _moving,
     _elsewhere,
     _unsized,
@@ -271,7 +283,11 @@ def _agreed(verdict: Verdict) -> Verdict:
         told[j] = fi.with_scatter(fit.effects[j], fit.beta[j], *own, told[j])
         stated[j] = fi.with_scatter(fit.effects[j], fit.beta[j], *own, stated[j])
     least = ANY if verdict.unexplained is None else VAGUE
-    vague = [j for j, v in told.items() if max(fi.sizes_in_errors(v).values(), default=np.inf) <= least]
+
+    def told_apart(values: dict[str, dict[str, Any]]) -> bool:
+        return max(fi.sizes_in_errors(values).values(), default=np.inf) > least
+
+    vague = [j for j, v in told.items() if told_apart(verdict.fitted[j]) and not told_apart(v)]
     vague = [j for j in vague if not (carries(judge, explanation, j) or is_loud_there(judge, explanation, j))]
     verdict = replace(verdict, stated=stated).keeping(lambda j: j not in vague)
     if not vague or verdict.stated:
