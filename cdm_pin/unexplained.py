@@ -62,7 +62,7 @@ BURSTS = 3.0
 MOVING = 0.1
 """Share of a joint's speed (rms) from which on it moves."""
 AS_ONE, ERRING = 0.99, 10.0
-"""Share of a residual along one direction, and how many times the noise it has to be, that no two sensors have alike."""
+"""Share of a residual along one direction, and how many times the noise, that no two sensors have alike."""
 HIGHEST = 20.0
 """Frequency up to which a line is taken for a disturbance of the arm [Hz]; above it mains and amplifiers hum."""
 
@@ -289,8 +289,8 @@ def moving_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
 def shared_torque(search: Search, judge: Search | None, fit: Fit) -> dict[str, Any] | None:
     """Say where the errors of several motors are one and the same, far above the noise; None where they are not.
 
-    Sensors do not err alike, so that it is something on the arm, whatever it follows. What laws explain may leave some
-    of itself.
+    Sensors do not err alike, so that it is something on the arm, whatever it follows; it may swing above the band. What
+    laws explain may leave some of itself.
     """
     problem, m = search.problem, search.problem.model.n_motors
     if not problem.torque or not any(problem.segments):
@@ -309,7 +309,7 @@ def shared_torque(search: Search, judge: Search | None, fit: Fit) -> dict[str, A
         directions.append(along[0])
     if abs(directions[0] @ directions[-1]) < AS_ONE:
         return None
-    return _torque_that("no law describes", parts, problem.model)
+    return swinging_torque(search, fit) or _torque_that("no law describes", parts, problem.model)
 
 
 def wandering_travel(search: Search, fit: Fit) -> dict[str, Any] | None:

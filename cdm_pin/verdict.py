@@ -25,8 +25,8 @@ from .unexplained import (
     moving_torque,
     nameless,
     of_no_size,
-    shared_torque,
     ringing_torque,
+    shared_torque,
     swinging_torque,
     wandering_travel,
 )
@@ -183,16 +183,6 @@ def _above_noise(verdict: Verdict, *, shared: bool = False) -> Verdict:
     return verdict.keeping(lambda j: fi.outweighs(verdict.model, explanation.found[j], motor, excess))
 
 
-def _shared(verdict: Verdict) -> Verdict:
-    """Whether several motors err alike, far above the noise; what acts there is not known then."""
-    unexplained = shared_torque(verdict.search, verdict.judge, verdict.fit)
-    if unexplained is None:
-        return verdict
-    verdict, found = replace(verdict, unexplained=unexplained), verdict.explanation.found
-    place = unexplained["location"]
-    return verdict.keeping(lambda j: found[j].candidate.location != place)
-
-
 def _moving(verdict: Verdict) -> Verdict:
     """Whether a torque or a travel moves by itself."""
     search, fit = verdict.search, verdict.fit
@@ -207,6 +197,16 @@ def _elsewhere(verdict: Verdict) -> Verdict:
         return verdict
     verdict = replace(verdict, unexplained=unexplained)
     return verdict.keeping(lambda j: carries(judge or search, verdict.explanation, j))
+
+
+def _shared(verdict: Verdict) -> Verdict:
+    """Whether several motors err alike, far above the noise; what acts there is not known then."""
+    unexplained = shared_torque(verdict.search, verdict.judge, verdict.fit)
+    if unexplained is None:
+        return verdict
+    verdict, found = replace(verdict, unexplained=unexplained), verdict.explanation.found
+    place = unexplained["location"]
+    return verdict.keeping(lambda j: found[j].candidate.location != place)
 
 
 def _unsized(verdict: Verdict) -> Verdict:
@@ -253,9 +253,9 @@ GATES: Sequence[Callable[[Verdict], Verdict]] = (
     _corrected,
     _uncorrected,
     _above_noise,
-    _shared,
     _moving,
     _elsewhere,
+    _shared,
     _unsized,
     _loud,
     _swinging,
