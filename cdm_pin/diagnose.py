@@ -183,8 +183,9 @@ def _told(verdict: Verdict) -> Diagnosis:
 def _beside_drifts(search: Search, progress: ProgressCallback | None) -> Explanation:
     """Explain the recordings beside drifting zeros, where these drift; the likeliest explanation stands.
 
-    If pushes were found, it is done anew beside the drift that is left then, as they may have hid or made one, and
-    beside none, as a few more pushes may still look like one; what finds no push there says nothing of that.
+    If pushes were found, it is done anew beside the drift that is left then, as they may have hid or made one, beside
+    that which the loudest alone leaves, as the others may be parts of it, and beside none, as a few more pushes may
+    still look like one; what finds no push there says nothing of that.
     """
     drifting = _drifting(search)
     first = explain(drifting, progress)
@@ -193,16 +194,18 @@ def _beside_drifts(search: Search, progress: ProgressCallback | None) -> Explana
         if is_swamped(first.search, first.fit):
             return explain(search, progress)
 
-    def pushed(explanation: Explanation) -> bool:
-        return any(f.candidate.effect.name == "external_torque" for f in explanation.found)
+    def pushes(explanation: Explanation) -> list[Candidate]:
+        return [f.candidate for f in explanation.found if f.candidate.effect.name == "external_torque"]
 
-    if not pushed(first):
+    if not pushes(first):
         return first
     found, ways = [f.candidate for f in first.found], [first]
-    for other in (search, with_drift(search, found)):
+    loudest = max((f for f in first.found if f.candidate in pushes(first)), key=lambda f: f.score.statistic).candidate
+    alone = [c for c in found if c is loudest or c not in pushes(first)]
+    for other in (search, with_drift(search, found), with_drift(search, alone)):
         if not any(drifts_like(other, way.search) for way in ways):
             there = explain(other, progress)
-            if pushed(there) and not is_swamped(there.search, there.fit):
+            if pushes(there) and not is_swamped(there.search, there.fit):
                 ways.append(there)
     return max(ways, key=_likely)
 
