@@ -38,6 +38,8 @@ from .soft import looser, softest
 from .unexplained import is_far
 from .verdict import Verdict, reached
 
+EVIDENT = 50.0
+"""Log-likelihood that pushes gain which no drift of a zero is."""
 BLURRED = 0.15
 """Share of the torque that steps of encoders may make through accelerations."""
 SOFT = ("cable_elasticity", "cable_slack", "pulley_eccentricity", "transmission_ratio_error")
@@ -211,14 +213,17 @@ def _beside_drifts(search: Search, progress: ProgressCallback | None) -> Explana
 
 
 def _drifting(search: Search) -> Search:
-    """Give the search with drifting zeros beside the rigid body, where no pushes are likelier."""
+    """Give the search with drifting zeros beside the rigid body, where no pushes are likelier.
+
+    Those that could be the drift itself, beside none, have to be evident: several seconds of a drift look like one.
+    """
     own = with_drift(search)
     if own.drift is None:
         return own
     ways: list[tuple[Search, list[Candidate]]] = [(own, [])]
-    for calmer in [search, *([with_drift(search, most=0)] if own.drift.quicker else [])]:
+    for calmer, least in [(search, EVIDENT), *([(with_drift(search, most=0), 0.0)] if own.drift.quicker else [])]:
         pushes = drowned_pushes(calmer, calmer.bank(all_candidates(search.problem, ["external_torque"])), [])
-        if pushes:
+        if pushes and likelihood(calmer, pushes) > likelihood(calmer, []) + least:
             ways += [(calmer, pushes), (with_drift(search, pushes), pushes)]
     return max(ways, key=lambda way: likelihood(*way))[0]
 
