@@ -18,7 +18,7 @@ from .content import content_of, experiment_content, insufficient_content, unres
 from .drifting import drifts_like, is_swamped, shorter_drift, still_errors, with_drift
 from .events import ProgressCallback
 from .explain import explain
-from .explanation import Explanation
+from .explanation import Explanation, Found
 from .geometry import Manipulator
 from .judging import judge_of, sized, validated
 from .leftover import left_over
@@ -196,18 +196,20 @@ def _beside_drifts(search: Search, progress: ProgressCallback | None) -> Explana
         if is_swamped(first.search, first.fit):
             return explain(search, progress)
 
-    def pushes(explanation: Explanation) -> list[Candidate]:
-        return [f.candidate for f in explanation.found if f.candidate.effect.name == "external_torque"]
+    def is_push(found: Found) -> bool:
+        return found.candidate.effect.name == "external_torque"
 
-    if not pushes(first):
+    pushes = [f for f in first.found if is_push(f)]
+    if not pushes:
         return first
-    found, ways = [f.candidate for f in first.found], [first]
-    loudest = max((f for f in first.found if f.candidate in pushes(first)), key=lambda f: f.score.statistic).candidate
-    alone = [c for c in found if c is loudest or c not in pushes(first)]
-    for other in (search, with_drift(search, found), with_drift(search, alone)):
+    loudest, ways = max(pushes, key=lambda f: f.score.statistic), [first]
+    others = [search, with_drift(search, [f.candidate for f in first.found])]
+    if len(pushes) > 1:
+        others.append(with_drift(search, [f.candidate for f in first.found if f is loudest or not is_push(f)]))
+    for other in others:
         if not any(drifts_like(other, way.search) for way in ways):
             there = explain(other, progress)
-            if pushes(there) and not is_swamped(there.search, there.fit):
+            if any(map(is_push, there.found)) and not is_swamped(there.search, there.fit):
                 ways.append(there)
     return max(ways, key=_likely)
 

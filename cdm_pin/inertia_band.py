@@ -86,7 +86,7 @@ def inertia_cutoff(
     if not np.isfinite(errors).all():  # too few samples to tell
         return band.cutoff
     if coarse:
-        near = np.where(np.arange(errors.shape[1]) == 0, NEAR, LOCALLY)
+        near = np.r_[NEAR, np.full(PARTS, LOCALLY)]
         enough = errors <= near[:, None] * errors.min(axis=0)
         last = len(errors) - 1 - np.argmax(enough[::-1], axis=0)
         return float([band.cutoff, *limits][last.min()])

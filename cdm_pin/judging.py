@@ -72,7 +72,8 @@ def _without_pushes(run: Run, pushes: Sequence[Candidate], margin: float) -> Run
         if int(push.shape[2]) == run.motion.index:
             start, end = push.shape[0] - margin, push.shape[1] + margin
             valid = valid & ~((time >= start) & (time <= end))
-            words = f"{max(start, 0.0):.1f} to {end:.1f} s left out: something pushes on joint {push.location['index']}"
+            told = max(np.floor(10 * start), 0.0) / 10, np.ceil(10 * end) / 10  # no less than is left out
+            words = "{:.1f} to {:.1f} s left out: something pushes on joint {}".format(*told, push.location["index"])
             notices = (*notices, words)
     return replace(run, signals=replace(run.signals, valid=valid, notices=notices))
 

@@ -7,6 +7,7 @@ none is; the diagnosis then says `unexplained`, where it happens and in which st
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numba
 import numpy as np
@@ -179,15 +180,20 @@ TONE = Effect(
 """A disturbance with its own frequency; the search adds it at the peaks of the residual's spectrum."""
 
 
-def _pairs(model: CableModel) -> list[Place]:
-    if model.n_joints > 6:  # too many to search
+def _with_others(places: Sequence[Place], count: int) -> list[Place]:
+    """Every place with every other joint or motor, of so many; none where these are too many to search."""
+    if count > 6:
         return []
     return [
         Place(place.location, place.A, place.B, (i, j))
-        for i, place in enumerate(joint_places(model))
-        for j in range(model.n_joints)
+        for i, place in enumerate(places)
+        for j in range(count)
         if j != i
     ]
+
+
+def _pairs(model: CableModel) -> list[Place]:
+    return _with_others(joint_places(model), model.n_joints)
 
 
 def _between(model: CableModel) -> list[Place]:
@@ -204,15 +210,9 @@ def _between(model: CableModel) -> list[Place]:
 
 
 def _motor_pairs(model: CableModel) -> list[Place]:
-    """Every motor with every other one."""
-    if model.n_motors > 6:
-        return []
-    return [
-        Place({**place.location, "other": j + 1}, place.A, place.B, (i, j))
-        for i, place in enumerate(all_motor_places(model))
-        for j in range(model.n_motors)
-        if j != i
-    ]
+    """Every motor with every other one, which its location names: two may be heard at one motor."""
+    pairs = _with_others(all_motor_places(model), model.n_motors)
+    return [replace(pair, location={**pair.location, "other": pair.index[1] + 1}) for pair in pairs]
 
 
 def _crosstalk(motion: Motion, place: Place, shape: Shape) -> Columns:

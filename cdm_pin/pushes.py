@@ -6,19 +6,32 @@ other wrong explains little of it, so that no way leads from one pair of edges t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from .band import Band
 from .candidates import Candidate
 from .effect import Shape
 from .fit import Fit
 from .geometry import Vector
+from .motion import Motion
 from .search import Search
 
 EDGES = 400  # on one recording
 LIKELY = 50.0
 """Statistic from which on a push is worth to be looked at so; none so large comes by chance."""
+
+
+def briefest(band: Band) -> float:
+    """Time that a push has to last for a band to tell it from an outlier [s]."""
+    return 1.5 / band.cutoff
+
+
+def run_of(motions: Sequence[Motion], push: Candidate) -> int:
+    """Say on which of some motions a push is."""
+    return next(r for r, motion in enumerate(motions) if motion.index == int(push.shape[2]))
 
 
 def edged(search: Search, fit: Fit, push: Candidate) -> tuple[Candidate, float]:
@@ -49,7 +62,7 @@ def edged(search: Search, fit: Fit, push: Candidate) -> tuple[Candidate, float]:
 def _best_edges(search: Search, fit: Fit, push: Candidate) -> tuple[Shape, float]:
     """Give the shape of a push with the best edges, and how far those that are compared lie apart [s]."""
     band = search.problem.band
-    run = next(r for r, motion in enumerate(search.problem.motions) if motion.index == int(push.shape[2]))
+    run = run_of(search.problem.motions, push)
     n = search.problem.data[run].shape[2]
     stride = -(-n // EDGES)
     edges = np.arange(0, n, stride)
@@ -59,7 +72,7 @@ def _best_edges(search: Search, fit: Fit, push: Candidate) -> tuple[Shape, float
     c, gram = S @ fit.residual, S @ S.T
     size = np.diag(gram)
     between = size[:, None] + size - 2.0 * gram
-    shortest = -(-round(1.5 / band.cutoff * band.reduced_rate) // stride) + 1
+    shortest = -(-round(briefest(band) * band.reduced_rate) // stride) + 1
     possible = np.triu(between > 1e-6 * max(size.max(), 1e-300), shortest)
     statistic = np.where(possible, (c[:, None] - c) ** 2 / np.where(possible, between, 1.0), -np.inf)
     a, b = np.unravel_index(int(np.argmax(statistic)), statistic.shape)

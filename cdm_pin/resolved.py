@@ -14,6 +14,7 @@ from .effect_shapes import greatest_load, sign_width
 from .fit import Fit
 from .geometry import Vector
 from .patches import MISREAD, RUBS
+from .pushes import briefest, run_of
 from .robust import UNSURE, is_coarse
 from .search import Search, errors, rms
 from .walking import walking_noise
@@ -42,7 +43,7 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
     problem, push = search.problem, candidate.effect.name == "external_torque"
     if candidate.effect.name == "time_delay" and abs(beta[0]) * problem.motions[0].rate < PUNCTUAL:
         return False
-    if push and candidate.shape[1] - candidate.shape[0] < 1.5 / problem.band.cutoff:
+    if push and candidate.shape[1] - candidate.shape[0] < briefest(problem.band):
         return False
     if push and _is_held(search, candidate, float(np.abs(beta[0])), fit):
         return False
@@ -154,7 +155,8 @@ def _is_held(search: Search, push: Candidate, size: float, fit: Fit) -> bool:
 
     It does where nothing moves, and in motion as slow as that in which the law leaves its sign open (`transitions`).
     """
-    model, motion = search.problem.model, next(m for m in search.problem.motions if m.index == int(push.shape[2]))
+    model, motions = search.problem.model, search.problem.motions
+    motion = motions[run_of(motions, push)]
     inside = (motion.time >= push.shape[0]) & (motion.time <= push.shape[1])
     own = push.place.weights(model)
     for law, beta in [*zip(fit.effects, fit.beta, strict=True), *effect_candidates(model)]:
@@ -167,7 +169,7 @@ def _is_held(search: Search, push: Candidate, size: float, fit: Fit) -> bool:
         k = len(law.effect.signs)
         level = float(np.abs(beta[:k] @ series[:k]).max() * np.linalg.norm(other) / np.linalg.norm(own))
         speed = np.abs(law.place.along(motion.v, motion.v_m))[inside]
-        if size < level and np.mean(speed < OPEN * sign_width(search.problem.motions, law.place)) > 0.5:
+        if size < level and np.mean(speed < OPEN * sign_width(motions, law.place)) > 0.5:
             return True
     return False
 

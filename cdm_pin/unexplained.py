@@ -297,10 +297,10 @@ def shared_torque(search: Search, judge: Search | None, fit: Fit) -> dict[str, A
         return None
     before = left_over(search, (), smooth=False)[1].rms[:m]
     least = ERRING * np.hypot(_least(search), _accuracy(search, fit))[:m]
-    directions, parts = [], []
-    for there in [search] if judge is None or not any(judge.problem.segments) else [search, judge]:
-        parts = _inside(still_errors(there, fit), there.problem)
-        torque = np.concatenate(parts, axis=1)
+    both = [search] if judge is None or not any(judge.problem.segments) else [search, judge]
+    torques = [np.concatenate(_inside(still_errors(there, fit), there.problem), axis=1) for there in both]
+    directions = []
+    for torque in torques:
         size = np.sqrt(np.mean(torque**2, axis=1))
         _, values, along = np.linalg.svd(torque @ torque.T)
         loud = (size > least) & (size**2 > LEAVES * before**2) & (np.abs(along[0]) > 0.1)
@@ -309,7 +309,7 @@ def shared_torque(search: Search, judge: Search | None, fit: Fit) -> dict[str, A
         directions.append(along[0])
     if abs(directions[0] @ directions[-1]) < AS_ONE:
         return None
-    return swinging_torque(search, fit) or _torque_that("no law describes", parts, problem.model)
+    return swinging_torque(search, fit) or _torque_that("no law describes", torques[-1:], problem.model)
 
 
 def wandering_travel(search: Search, fit: Fit) -> dict[str, Any] | None:

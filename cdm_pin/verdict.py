@@ -284,10 +284,10 @@ def _agreed(verdict: Verdict) -> Verdict:
         stated[j] = fi.with_scatter(fit.effects[j], fit.beta[j], *own, stated[j])
     least = ANY if verdict.unexplained is None else VAGUE
 
-    def told_apart(values: dict[str, dict[str, Any]]) -> bool:
+    def sure(values: Values) -> bool:
         return max(fi.sizes_in_errors(values).values(), default=np.inf) > least
 
-    vague = [j for j, v in told.items() if told_apart(verdict.fitted[j]) and not told_apart(v)]
+    vague = [j for j, v in told.items() if sure(verdict.fitted[j]) and not sure(v)]
     vague = [j for j in vague if not (carries(judge, explanation, j) or is_loud_there(judge, explanation, j))]
     verdict = replace(verdict, stated=stated).keeping(lambda j: j not in vague)
     if not vague or verdict.stated:

@@ -222,7 +222,7 @@ def test_a_push_that_comes_again_in_the_unseen_recording_is_a_push():
     assert content["verdict"] == "missing_physics" and finding["location"] == {"kind": "joint", "index": 2}
     (notice,) = [text for text in content["data"]["unseen"][0]["notices"] if "pushes on joint 2" in text]
     start, end = (float(x) for x in notice.split(" s ")[0].split(" to "))
-    assert 34.0 < start <= 35.0 and 39.0 <= end < 40.0
+    assert 34.0 < start < 35.0 and 39.0 <= end < 40.0
     assert not any("pushes" in text for text in content["data"]["recordings"][0]["notices"])
     assert f"unseen recording: {notice}" in gather(diagnosis).notices
 
