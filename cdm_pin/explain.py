@@ -14,7 +14,7 @@ from .explanation import Explanation, explained
 from .growing import adjusted, grow
 from .leftover import clear_noise, tones
 from .patching import beside_looser, has_a_name, patch, renamed, unpatched
-from .plainness import peaked, peakless, placed, plainer, simplest
+from .plainness import peaked, peakless, placed, plainer, repelled, simplest
 from .polishing import all_late
 from .pruning import coupled, prune, pruned, warmed
 from .rubbing import rubbing
@@ -92,6 +92,6 @@ def explain(
             search, accepted = settled(there, prune(there, more))
     search, accepted = unpatched(search, bank, accepted)
     explanation = plainer(renamed(explained(search, search.renewed(bank), accepted)))
-    explanation = coupled(pruned(warmed(peakless(peaked(simplest(placed(explanation)))))))
+    explanation = repelled(coupled(pruned(warmed(peakless(peaked(simplest(placed(explanation))))))))
     say.looked(explanation.fit)
     return explanation

@@ -9,7 +9,7 @@ import numpy as np
 from .bank import Bank
 from .candidates import Candidate
 from .fit import Fit, own_covariance
-from .leaders import hides_in_masses, leading, same_form, same_width
+from .leaders import drives, hides_in_masses, leading, same_form, same_width
 from .likelihood import confined, freed, gain, likeliest
 from .scores import Score, family_wise
 from .search import Search
@@ -111,7 +111,7 @@ def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> F
             s = freed(search, without, refined, s)
             s = confined(without, refined, search.white(without.whitener, search.columns(refined)), s)
             sound = np.isfinite(s.statistic) and refined.is_plausible(s.beta, without.effects)
-            if sound and not hides_in_masses(search, without, refined):
+            if sound and not (hides_in_masses(search, without, refined) or drives(search, without, refined)):
                 rivals.append((refined, gain(search, without, refined, s) - likely))
     rivals.sort(key=lambda item: -item[1])
     return Found(candidate, score, own, family_wise(score, candidate, 0.01), tuple(rivals))

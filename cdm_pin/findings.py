@@ -134,6 +134,50 @@ def with_scatter(
     return out
 
 
+def is_another_there(
+    search: Search,
+    judge: Search,
+    fit: Fit,
+    j: int,
+    step: Vector,
+    covariance: Vector,
+    values: dict[str, dict[str, Any]],
+) -> bool:
+    """Whether unseen recordings tell another size of effect `j` than the training, far beyond chance.
+
+    What a law is off by does not make it a good part larger; where that depends on the recording it is another law.
+    Its shape may be hard to tell in either: both are asked for the sizes that they see with the one of the unseen.
+
+    Parameters
+    ----------
+    search, judge : Search
+    fit : Fit
+    j : int
+    step, covariance, values
+        As `with_scatter` takes them.
+    """
+    candidate, beta = fit.effects[j], fit.beta[j]
+    apart, chance = (parameters(candidate, beta, x) for x in (np.outer(step, step), covariance))
+    far = [
+        name
+        for name, size in _sizes({name: v["value"] for name, v in values.items()}).items()
+        if min(abs(size), apart[name]["std"]) > CERTAIN * chance[name]["std"] > 0.0
+        and apart[name]["std"] > UNLIKE * abs(size)
+    ]
+    if not far or not candidate.extra:
+        return bool(far)
+    others = [there.fit([c for i, c in enumerate(fit.effects) if i != j], fit.whitener) for there in (search, judge)]
+    law = refine(judge, others[1], candidate)[0]
+    betas = [there.score(beside, law).beta for there, beside in zip((search, judge), others, strict=True)]
+    seen, unseen = (_sizes(law.effect.physical(b, law.shape)) for b in betas)
+    return any(abs(unseen[name] - seen[name]) > UNLIKE * abs(seen[name]) for name in far)
+
+
+def _sizes(values: dict[str, float]) -> dict[str, float]:
+    """Give the parameters that say how large an effect is, a gain by what it is off one."""
+    return {name: value - (name == "gain") for name, value in values.items() if name not in SHAPES}
+
+
 def stiffening(search: Search, fit: Fit, j: int, covariance: Vector) -> Vector:
     """Covariance of all parameters that a cubic term of spring `j`, taken to be linear, would bring.
 
@@ -257,11 +301,20 @@ FALL = 0.75
 """Weight of coefficients, in their errors, at the time constant or period that suits best: there is a choice."""
 SCATTER = 2.0
 """Standard errors by which training and unseen recordings differ by chance."""
+CERTAIN, UNLIKE = 6.0, 0.15
+"""Standard errors, and share of itself, by which no parameter of a law that holds in all recordings differs in some."""
+REFINED = {
+    "stribeck_friction": "stribeck",
+    "position_dependent_friction": "depth",
+    "friction_drift": "extra",
+}
+"""By which parameter a law is more than dry friction."""
 SHAPES = (
     "phase",
     "cycles",
     "form",
     "links_only",
+    "with_rotor",
     "motor_only",
     "ratio",
     "stribeck_velocity",
@@ -338,11 +391,14 @@ def _at_best(beta: Vector, covariance: Vector, which: Sequence[int]) -> float:
 
 def sizes_in_errors(values: dict[str, dict[str, Any]]) -> dict[str, float]:
     """Give the parameters that say how large an effect is (a gain from one) in units of their standard errors."""
-    return {
-        name: abs(v["value"] - (name == "gain")) / max(v["std"], 1e-300)
-        for name, v in values.items()
-        if name not in SHAPES
-    }
+    sizes = _sizes({name: v["value"] for name, v in values.items()})
+    return {name: abs(size) / max(values[name]["std"], 1e-300) for name, size in sizes.items()}
+
+
+def most_sure(name: str, values: dict[str, dict[str, Any]]) -> float:
+    """Give the size of an effect that is known best, in its errors; of what refines dry friction that which does so."""
+    sizes = sizes_in_errors(values)
+    return sizes[REFINED[name]] if name in REFINED else max(sizes.values(), default=np.inf)
 
 
 def is_above_steps(search: Search, candidate: Candidate, values: dict[str, dict[str, Any]]) -> bool:

@@ -169,24 +169,39 @@ def load_physical(beta: Vector, shape: Shape) -> dict[str, float]:
 
 def torque_columns(motion: Motion, place: Place, shape: Shape) -> Columns:
     """Column of friction by torque: its magnitude times sign(s')."""
-    tau = motion.tau if any(place.A) else motion.tau_m
-    return acting(motion, place, np.abs(tau[:, place.index[0]]) * _sign(motion, place, shape))
+    return acting(motion, place, np.abs(_carried(motion, place, shape)) * _sign(motion, place, shape))
+
+
+def _carried(motion: Motion, place: Place, shape: Shape) -> Vector:
+    """Give the torque that loads what rubs, shape (n,): of links, and with `shape[1]` of the motor's rotor, too."""
+    i = place.index[0]
+    if any(place.A):
+        return motion.tau[:, i]
+    return motion.tau_m[:, i] + (shape[1:] == (1.0,)) * motion.a_m[:, i] * motion.model.rotor_inertia[i]
+
+
+def torque_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
+    """Screen what carries the torque of the links, and of a motor what carries its rotor's beside."""
+    turns = not any(place.A) and motions[0].model.rotor_inertia[place.index[0]] > 0.0
+    return [(sign_width(motions, place), rotor) for rotor in ((0.0, 1.0) if turns else (0.0,))]
+
+
+def torque_physical(beta: Vector, shape: Shape) -> dict[str, float]:
+    """Tell the coefficient, and whether the rotor's torque loads what rubs, too."""
+    return {"coefficient": float(beta[0]), "with_rotor": shape[1] if len(shape) > 1 else 0.0}
 
 
 def other_torques_columns(motion: Motion, place: Place, shape: Shape, beta: Vector) -> Columns:
-    """Give what friction by torque brings if it follows the rotor's torque, or that of other effects, too.
+    """Give what friction by torque brings if it follows that of other effects, too.
 
     Where its own torque is in the motion, that counts with these.
     """
-    i = place.index[0]
+    own, i = _carried(motion, place, shape), place.index[0]
     if any(place.A):
-        own = motion.tau[:, i]
-        others = [own] if motion.extra_joint is None else [own + motion.extra_joint[:, i]]
+        other = own if motion.extra_joint is None else own + motion.extra_joint[:, i]
     else:
-        own = motion.tau_m[:, i]
-        others = [motion.driven_torque[:, i], own + motion.a_m[:, i] * motion.model.rotor_inertia[i]]
-    size = beta[0] * _sign(motion, place, shape)
-    return acting(motion, place, *((np.abs(other) - np.abs(own)) * size for other in others))
+        other = own + motion.driven_torque[:, i] - motion.tau_m[:, i]
+    return acting(motion, place, (np.abs(other) - np.abs(own)) * beta[0] * _sign(motion, place, shape))
 
 
 def position_columns(motion: Motion, place: Place, shape: Shape) -> Columns:

@@ -9,7 +9,7 @@ import numpy as np
 
 from .bank import Bank
 from .candidates import Candidate, at_known_place
-from .fit import Fit
+from .fit import Fit, own_covariance
 from .friction_effects import DRAG_RATIO
 from .geometry import Vector
 from .likelihood import gain
@@ -146,3 +146,14 @@ def same_form(candidate: Candidate, other: Candidate) -> Candidate:
 def _rough(x: float) -> float:
     """Round to six digits, so that what differs by rounding alone stands in a fixed order."""
     return float(f"{x:.6g}")
+
+
+def drives(search: Search, fit: Fit, candidate: Candidate) -> bool:
+    """Whether an effect beside a fit does what it hardly can, as a spring that pushes on, by three standard errors."""
+    if candidate.effect.least is None:
+        return False
+    weights = candidate.least(search.problem.motions)
+    both = search.fit([*fit.effects, candidate], fit.whitener)
+    k = len(weights)
+    spread = own_covariance(both, len(fit.effects))[:k, :k]
+    return bool(weights @ both.beta[-1][:k] < -3.0 * np.sqrt(max(weights @ spread @ weights, 0.0)))

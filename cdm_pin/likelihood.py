@@ -91,7 +91,8 @@ def likeliest(search: Search, fit: Fit, candidate: Candidate, score: Score | Non
     if candidate.bare is candidate:
         return candidate, score
     bare, plain = refine(search, fit, candidate.bare, plausibly=True)
-    sound = bare.is_plausible(plain.beta, fit.effects)
+    plain = confined(fit, bare, search.white(fit.whitener, search.columns(bare)), plain)
+    sound = np.isfinite(plain.statistic) and bare.is_plausible(plain.beta, fit.effects)
     better = sound and gain(search, fit, bare, plain) > gain(search, fit, candidate, score)
     return (bare, plain) if better else (candidate, score)
 

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numba
 import numpy as np
 
+from .body_effects import spring_columns
 from .effect import Columns, Effect, Place, Shape
 from .effect_shapes import sign_width, speed_scale
 from .geometry import Vector
@@ -178,6 +179,18 @@ TONE = Effect(
     reach=0.005,
 )
 """A disturbance with its own frequency; the search adds it at the peaks of the residual's spectrum."""
+REPELS = Effect(
+    "unnamed_repulsion",
+    (),
+    joint_places,
+    spring_columns,
+    lambda beta, shape: {},
+    bounds=lambda motions, place: [(1.0, 1.0)],
+    signs=(),
+    revealed_by="a torque that drives {place} away from some position",
+    reach=0.005,
+)
+"""What a spring is called that pushes on, as no passive one does on the whole; it stands where one was found."""
 
 
 def _with_others(places: Sequence[Place], count: int) -> list[Place]:

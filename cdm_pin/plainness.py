@@ -14,8 +14,9 @@ from .effects import CATALOGUE
 from .explanation import Explanation, estimated, explained, unsound, with_effects
 from .fit import Fit, own_covariance
 from .friction_effects import extremes
-from .leaders import UNLIKELIER, same_width
+from .leaders import UNLIKELIER, drives, same_width
 from .likelihood import REFINING, evidence, gain, has_ratio, likeliest
+from .patches import REPELS
 from .search import Search, errors, rms
 from .shapes import refine
 from .significance import from_errors_of_laws
@@ -95,7 +96,6 @@ def _simplest_at(explanation: Explanation, j: int, taken: frozenset[tuple[str, s
         if c.key not in taken
         and c.named == best.named
         and c.is_plausible(search.score(without, c).beta, without.effects)
-        and not drives(search, without, c)
         and (
             c.effect.name != "stribeck_friction"
             or bool(c.detail) == bool(found.candidate.detail)
@@ -161,17 +161,6 @@ def _as_wide(search: Search, fit: Fit, law: Candidate, rivals: list[Candidate]) 
     return law if best is law else refine(search, fit, best, 3)[0]
 
 
-def drives(search: Search, fit: Fit, candidate: Candidate) -> bool:
-    """Whether an effect beside a fit does what it hardly can, as a spring that pushes on, by three standard errors."""
-    if candidate.effect.least is None:
-        return False
-    weights = candidate.least(search.problem.motions)
-    both = search.fit([*fit.effects, candidate], fit.whitener)
-    k = len(weights)
-    spread = own_covariance(both, len(fit.effects))[:k, :k]
-    return bool(weights @ both.beta[-1][:k] < -3.0 * np.sqrt(max(weights @ spread @ weights, 0.0)))
-
-
 def _rises(search: Search, without: Fit, law: Candidate) -> bool:
     """Whether Stribeck's friction says more than dry friction by what its sign's passage may be wrong by."""
     score = search.score(without, law)
@@ -229,6 +218,17 @@ def peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
         if worth > free - passage and _rises(search, without, refined[i][0]):
             accepted[j] = refined[i][0]
     return with_effects(explanation, accepted)
+
+
+def repelled(explanation: Explanation) -> Explanation:
+    """Take the name from springs that drive on the whole (`drives`): what does so is none, whatever it looks like."""
+    search, fit = explanation.search, explanation.fit
+    laws = [f.candidate for f in explanation.found]
+    wrong = [drives(search, search.without(fit, j), law) for j, law in enumerate(laws)]
+    if not any(wrong):
+        return explanation
+    laws = [replace(law, effect=REPELS) if bad else law for law, bad in zip(laws, wrong, strict=True)]
+    return explained(search, explanation.bank, laws)
 
 
 def peakless(explanation: Explanation, least: float = 2.0) -> Explanation:

@@ -220,7 +220,7 @@ def prepare(
     grid = grid or read_grid(recording, model, repair_clock=repair_clock)
     own_rate, logged, notices = grid.rate, grid.logged, list(grid.notices)
     highest = 0.4 * min(own_rate, rate or own_rate)
-    cutoff, reason = (cutoff, "as asked for") if cutoff else _common_cutoff(logged, own_rate)
+    cutoff, reason = (cutoff, "as asked for") if cutoff else _common_cutoff(logged, own_rate, grid.steps)
     cutoff = min(cutoff, highest)
     notices.append(f"one zero-phase low-pass of {cutoff:.3g} Hz for everything, {reason}; samples at {own_rate:.4g} Hz")
     light_cutoff = min(light_cutoff or max(cutoff, _light_cutoff(logged, own_rate, grid.steps)), highest)
@@ -296,10 +296,14 @@ def motion_at_rows(recording: Recording, side: str, cutoff: float | None = None)
     for of, derivative in (("position", "velocity"), ("velocity", "acceleration")):
         if derivative not in found:
             grid, x = resample_uniform(time, found[of][keep], rate)
-            limit = cutoff or choose_cutoff(resample_uniform(time, found["position"][keep], rate)[1], rate)
+            limit = cutoff or _row_cutoff(time, found["position"][keep], rate)
             slope = differentiate(lowpass(x, rate, limit) if limit < 0.39 * rate else x, rate)
             found[derivative] = _carried(grid, slope, recording.time)
     return found
+
+
+def _row_cutoff(time: np.ndarray, position: np.ndarray, rate: float) -> float:
+    return choose_cutoff(resample_uniform(time, position, rate)[1], rate, steps=quantisation_steps(position))
 
 
 def _carried(grid: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
@@ -348,11 +352,12 @@ def _wrong_rate(rate: float, factor: float) -> str:
     return message + f"taken as sampled at {rate / factor:.4g} Hz, not {rate:.4g} Hz"
 
 
-def _common_cutoff(logged: dict[str, np.ndarray], rate: float) -> tuple[float, str]:
+def _common_cutoff(logged: dict[str, np.ndarray], rate: float, steps: dict[str, np.ndarray]) -> tuple[float, str]:
     positions = _positions(logged)
     if positions is None:
         return 0.4 * rate, "as there is no position to choose by"
-    cutoff, reason = choose_cutoff(positions, rate), "where the positions' spectra meet their noise"
+    cutoff = choose_cutoff(positions, rate, steps=_position_steps(logged, steps))
+    reason = "where the positions' spectra meet their noise"
     torque = logged.get("motor_torque", logged.get("joint_torque"))
     limit = None if torque is None else torque_bandwidth(positions, torque, rate)
     if limit is not None and limit < cutoff:
@@ -364,7 +369,11 @@ def _light_cutoff(logged: dict[str, np.ndarray], rate: float, steps: dict[str, n
     positions = _positions(logged)
     if positions is None:
         return 0.4 * rate
-    return velocity_cutoff(positions, rate, steps=np.hstack([steps[name] for name in _POSITIONS if name in logged]))
+    return velocity_cutoff(positions, rate, steps=_position_steps(logged, steps))
+
+
+def _position_steps(logged: dict[str, np.ndarray], steps: dict[str, np.ndarray]) -> np.ndarray:
+    return np.hstack([steps[name] for name in _POSITIONS if name in logged])
 
 
 def _is_motion(name: str) -> bool:
@@ -408,10 +417,12 @@ def _with_period(signals: Signals, notices: list[str]) -> Signals:
         return signals
     turns = (signals.time[-1] - signals.time[0]) / period
     notices.append(f"the motion repeats every {period:.5g} s ({period * signals.rate:.5g} samples), {turns:.2g} times")
+    share = np.sqrt(min(signals.cutoff / (0.5 * signals.rate), 1.0))  # of what is in all of the band
     deviations = []
-    for channels in (signals.logged, {name: signals.channels[name] for name in signals.logged}):
+    for channels, passed in ((signals.logged, 1.0), ({name: signals.channels[name] for name in signals.logged}, share)):
         periods = average_channels(signals.time, channels, signals.valid, period, signals.rate)
-        deviations.append(periods.deviation)
+        rounding = {name: passed * steps / np.sqrt(12) for name, steps in signals.steps.items()}  # it may repeat, too
+        deviations.append({name: np.maximum(x, rounding.get(name, 0.0)) for name, x in periods.deviation.items()})
     if np.sum(periods.count > 1) < 0.25 * len(periods.count):
         return replace(signals, period=period)
     return replace(signals, period=period, noise=deviations[0], floor=deviations[1])

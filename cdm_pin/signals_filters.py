@@ -174,7 +174,17 @@ def noise_density(frequency: np.ndarray, density: np.ndarray) -> np.ndarray:
     return np.min(floors, axis=0) / np.log(2) if floors else np.zeros(density.shape[1])
 
 
-def choose_cutoff(x: np.ndarray, rate: float, derivative: int = 2, order: int = 4) -> float:
+def _rounded_density(
+    frequency: np.ndarray, density: np.ndarray, x: np.ndarray, rate: float, steps: np.ndarray | None
+) -> np.ndarray:
+    """Read the floor off spectra, never below what rounding to the steps makes, step / sqrt(12) over the full band."""
+    steps = quantisation_steps(x) if steps is None else steps
+    return np.maximum(noise_density(frequency, density), steps**2 / 6 / rate)
+
+
+def choose_cutoff(
+    x: np.ndarray, rate: float, derivative: int = 2, order: int = 4, steps: np.ndarray | None = None
+) -> float:
     r"""Choose the low-pass cut-off for positions from where their spectra sink into their noise.
 
     With density P, noise N and the gain H of `lowpass` at a cut-off, the error of the derivative of order d is
@@ -194,6 +204,8 @@ def choose_cutoff(x: np.ndarray, rate: float, derivative: int = 2, order: int = 
         The derivative whose error is to be least: 2, accelerations.
     order : int
         Of each of the two passes.
+    steps : ndarray, shape (width,), optional
+        In which they were logged; default those of `x`. What rounds to them is noise even where it repeats exactly.
 
     Returns
     -------
@@ -204,7 +216,7 @@ def choose_cutoff(x: np.ndarray, rate: float, derivative: int = 2, order: int = 
     if len(x) < 32:
         return highest
     frequency, density = spectrum(x, rate)
-    noise = noise_density(frequency, density)
+    noise = _rounded_density(frequency, density, x, rate, steps)
     moving = moves(x, rate)
     if not moving.any():
         return highest
@@ -341,8 +353,7 @@ def velocity_cutoff(x: np.ndarray, rate: float, noise: float = 0.01, steps: np.n
     if len(x) < 32:
         return 0.4 * rate
     frequency, density = spectrum(x, rate)
-    steps = quantisation_steps(x) if steps is None else steps
-    floor = np.maximum(noise_density(frequency, density), steps**2 / 6 / rate)
+    floor = _rounded_density(frequency, density, x, rate, steps)
     speed = (2 * np.pi * frequency[:, None]) ** 2 * np.maximum(density - floor, 0)
     power = np.asarray(np.trapezoid(speed, frequency, axis=0))
     moving = moves(x, rate)

@@ -91,22 +91,29 @@ def at_corrections(explanation: Explanation, corrections: Sequence[Found]) -> di
     )
 
 
-def of_no_size(explanation: Explanation, which: Sequence[int]) -> dict[str, Any] | None:
-    """Describe the largest of some findings of whose laws no parameter is known; None where there is none."""
-    found = [explanation.found[j] for j in which if "index" in explanation.found[j].candidate.location]
+def of_no_size(
+    explanation: Explanation, which: Sequence[int], words: str = "by a law of which these data tell no parameter"
+) -> dict[str, Any] | None:
+    """Describe the largest of some findings of whose laws no parameter is known; None where there is none.
+
+    What several motors share is on that which has most of it; what has no place in the arm is none of these.
+    """
+    found = [f for f in (explanation.found[j] for j in which) if _indexed(f.candidate) is not None]
     if not found:
         return None
     main = max(found, key=lambda f: f.score.statistic)
     size = _size(explanation, explanation.found.index(main))
-    place = main.candidate.location
+    place = _indexed(main.candidate) or {}
     laws = [main.candidate, *(rival for rival, _ in main.rivals if rival.named)][:3]
-    return something(
-        place["kind"],
-        place["index"],
-        "by a law of which these data tell no parameter",
-        size,
-        nearest=[{"effect": c.effect.name, "location": c.location} for c in laws],
-    )
+    nearest = [{"effect": c.effect.name, "location": c.location} for c in laws]
+    return something(place["kind"], place["index"], words, size, nearest=nearest)
+
+
+def _indexed(candidate: Candidate) -> dict[str, Any] | None:
+    """Give the place of a candidate as one joint, motor, cable or link."""
+    if "weights" in candidate.location:
+        return {"kind": "motor", "index": int(np.argmax(np.abs(candidate.location["weights"]))) + 1}
+    return candidate.location if "index" in candidate.location else None
 
 
 def _size(explanation: Explanation, j: int) -> float:

@@ -37,6 +37,8 @@ LIKE = 0.5
 """How like a finding beside a correction the unseen recordings have to make it by themselves."""
 FAR = 25.0
 """Squared error on unseen recordings, in units of the noise, beside which a finding has to carry most of it."""
+LOUDER = 10.0
+"""How many times what has no name a finding has to explain to stand on its own beside it, wherever it is."""
 ANY, VAGUE = 1.0, 2.0
 """Standard errors, by unseen recordings too, up to which a finding is none, and beside something unexplained."""
 
@@ -266,7 +268,8 @@ GATES: Sequence[Callable[[Verdict], Verdict]] = (
 def _agreed(verdict: Verdict) -> Verdict:
     """Widen the errors of parameters by those of laws and by how far the unseen recordings see them elsewhere.
 
-    A finding of which no size is left then is none; what the recordings disagree about may be part of what has no name.
+    A finding of which no size is left then is none; what the recordings disagree about may be part of what has no name,
+    and has none itself where they do so far beyond chance.
     """
     search, judge, explanation, fit = verdict.search, verdict.judge, verdict.explanation, verdict.fit
     where, covariance = verdict.where, verdict.covariance
@@ -278,18 +281,35 @@ def _agreed(verdict: Verdict) -> Verdict:
         return replace(verdict, stated=stated)
     step, chance = fi.unseen_shift(judge, fit, covariance)
     told = {j: verdict.fitted[j] for j in stated}  # by the recordings, whatever else its law may be wrong by
+    changing = []
     for j in lasting:
         own = step[where[j]], chance[np.ix_(where[j], where[j])]
+        if not explanation.everywhere and fi.is_another_there(search, judge, fit, j, *own, told[j]):
+            changing.append(j)
         told[j] = fi.with_scatter(fit.effects[j], fit.beta[j], *own, told[j])
         stated[j] = fi.with_scatter(fit.effects[j], fit.beta[j], *own, stated[j])
     least = ANY if verdict.unexplained is None else VAGUE
 
-    def sure(values: Values) -> bool:
-        return max(fi.sizes_in_errors(values).values(), default=np.inf) > least
+    def sure(j: int, values: Values) -> bool:
+        return fi.most_sure(fit.effects[j].effect.name, values) > least
 
-    vague = [j for j, v in told.items() if sure(verdict.fitted[j]) and not sure(v)]
+    vague = [j for j, v in told.items() if sure(j, verdict.fitted[j]) and not sure(j, v)]
     vague = [j for j in vague if not (carries(judge, explanation, j) or is_loud_there(judge, explanation, j))]
     verdict = replace(verdict, stated=stated).keeping(lambda j: j not in vague)
+    if changing:
+        verdict = _without_changing(verdict, changing)
     if not vague or verdict.stated:
         return verdict
     return replace(verdict, unexplained=verdict.unexplained or of_no_size(explanation, vague))
+
+
+def _without_changing(verdict: Verdict, changing: Sequence[int]) -> Verdict:
+    """Take their names from findings whose laws are others in the unseen recordings, and from what hangs on them."""
+    found = verdict.explanation.found
+    beside = [found[j] for j in changing]
+    words = "by a law that is another one in the unseen recordings"
+    unexplained = verdict.unexplained or of_no_size(verdict.explanation, changing, words)
+    most = LOUDER * max(f.score.statistic for f in beside)
+    return replace(verdict, unexplained=unexplained).keeping(
+        lambda j: j not in changing and (found[j].score.statistic > most or fi.is_sure(verdict.model, found[j], beside))
+    )

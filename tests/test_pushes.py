@@ -21,7 +21,7 @@ ARM = load_model(Path(__file__).resolve().parent.parent / "urdf" / "planar3.yaml
 T = np.arange(0, 60, 0.005)
 
 
-def recording(seed, on_joints=None, crosstalk=0.0, walk=0.0):
+def recording(seed, on_joints=None, crosstalk=0.0, walk=0.0, pulled=None, on_motors=None, arm=ARM):
     """One minute of three links: white noise of 0.01 N m, slow noise at motor 1, motor 3 sees some of motor 1."""
     rng = np.random.default_rng(seed)
     w, phase = np.array([1.1, 1.7, 2.3]), rng.uniform(0, 6, (2, 3))
@@ -29,9 +29,13 @@ def recording(seed, on_joints=None, crosstalk=0.0, walk=0.0):
     q = 0.5 * sum(np.sin(x) for x in angles)
     v = 0.5 * sum(k * w * np.cos(x) for k, x in zip((1, 2.3), angles, strict=True))
     a = -0.5 * sum((k * w) ** 2 * np.sin(x) for k, x in zip((1, 2.3), angles, strict=True))
-    torque = motor_torques(ARM, q, v, a)
+    torque = motor_torques(arm, q, v, a)
+    if on_motors is not None:
+        torque += on_motors(torque, v @ arm.motor_from_joint.T, a @ arm.motor_from_joint.T)
     if on_joints is not None:
         torque += ARM.motor_torque(on_joints(v))
+    if pulled is not None:
+        torque += ARM.motor_torque(pulled(q))
     torque[:, 2] += crosstalk * torque[:, 0]
     torque[:, 0] += walk * np.cumsum(rng.standard_normal(len(T))) / np.sqrt(len(T))
     torque += 0.01 * rng.standard_normal(q.shape)
@@ -72,6 +76,58 @@ def test_a_torque_that_follows_another_motors_gets_no_name():
     assert content["verdict"] == "unexplained" and not content["findings"]
     assert content["unexplained"]["location"]["index"] == 3
     assert "follows that of another motor" in content["unexplained"]["region"]
+
+
+def test_what_drives_a_joint_away_is_no_spring():
+    """It pulls as a spring that stiffens, but to where its joint is not; one that does the opposite is a spring."""
+    for sign, verdict in ((-1.0, "unexplained"), (1.0, "missing_physics")):
+
+        def pulled(q, sign=sign):
+            return sign * (0.9 * q[:, 1:2] - 0.2 * q[:, 1:2] ** 3) * np.array([0.0, 1.0, 0.0])
+
+        runs = [recording(seed, pulled=pulled) for seed in (8, 9)]
+        content = diagnose(ARM, runs[:1], runs[1:]).content
+        assert content["verdict"] == verdict
+        if sign < 0:
+            assert not content["findings"] and content["unexplained"]["location"] == {"kind": "joint", "index": 2}
+            assert "drives joint 2 away" in content["unexplained"]["region"]
+        else:
+            assert [(f["effect"], f["location"]["index"]) for f in content["findings"]] == [("joint_spring", 2)]
+
+
+@pytest.mark.parametrize("with_rotor", [0.0, 1.0])
+def test_friction_by_torque_counts_the_rotors_where_that_loads_it(with_rotor):
+    """A motor's bearing carries what its cable pulls, a gear within it the rotor's torque beside."""
+    arm = replace(ARM, rotor_inertia=10.0 * ARM.rotor_inertia)
+
+    def on_motors(torque, v_m, a_m):
+        carried = torque - (1.0 - with_rotor) * arm.rotor_inertia * a_m
+        return 0.1 * np.abs(carried) * np.tanh(v_m / 0.02) * np.array([0.0, 0.0, 1.0])
+
+    runs = [recording(seed, on_motors=on_motors, arm=arm) for seed in (12, 13)]
+    (finding,) = diagnose(arm, runs[:1], runs[1:]).content["findings"]
+    assert (finding["effect"], finding["location"]) == ("torque_dependent_friction", {"kind": "motor", "index": 3})
+    parameters = finding["parameters"]
+    assert parameters["with_rotor"]["value"] == with_rotor
+    assert abs(parameters["coefficient"]["value"] - 0.1) < 3 * parameters["coefficient"]["std"] + 1e-3
+
+
+@pytest.mark.parametrize(("there", "verdict"), [(1.0, "missing_physics"), (1.3, "unexplained")])
+def test_a_law_that_is_another_one_in_unseen_recordings_has_no_name(there, verdict):
+    """A drag of joint 2 that grows by a third from one recording to the next is no constant of it, however it fits."""
+    sizes = (0.4, 0.4 * there)
+    runs = [
+        recording(seed, lambda v, size=size: size * v[:, 1:2] * np.array([0.0, 1.0, 0.0]))
+        for seed, size in zip((10, 11), sizes, strict=True)
+    ]
+    content = diagnose(ARM, runs[:1], runs[1:]).content
+    assert content["verdict"] == verdict
+    if there > 1.0:
+        assert not content["findings"] and content["unexplained"]["location"] == {"kind": "joint", "index": 2}
+        assert content["unexplained"]["region"] == "by a law that is another one in the unseen recordings"
+        assert content["unexplained"]["nearest"][0]["effect"] == "viscous_friction"
+    else:
+        assert [(f["effect"], f["location"]["index"]) for f in content["findings"]] == [("viscous_friction", 2)]
 
 
 def test_what_motors_err_by_alike_is_no_noise():

@@ -162,6 +162,24 @@ def test_cutoff_is_chosen_between_motion_and_noise():
     assert choose_cutoff(q[:10], 500.0) == 200.0
 
 
+def test_what_rounds_is_noise_even_where_it_repeats_exactly():
+    """A simulated cycle whose encoder steps come again to the sample is not differentiated as if they were motion."""
+    t = np.arange(0, 30, 2e-3)
+    q = np.column_stack([np.sin(2 * np.pi * t / 6) + 0.3 * np.cos(4 * np.pi * t / 6), 0.7 * np.cos(2 * np.pi * t / 6)])
+    step = 2 * np.pi / 2**13
+    x = step * np.round(q / step)
+    a, rounded = (
+        differentiate(differentiate(y, 500.0), 500.0) for y in (q, lowpass(x, 500.0, choose_cutoff(x, 500.0)))
+    )
+    assert np.all((rounded - a)[500:-500].std(axis=0) < 0.02 * a.std(axis=0))
+    assert choose_cutoff(x, 500.0, steps=np.zeros(2)) == 200.0
+    shaken = x + 1e-9 * np.random.default_rng(0).normal(size=x.shape)  # no steps are seen any more
+    assert choose_cutoff(shaken, 500.0, steps=np.full(2, step)) == pytest.approx(choose_cutoff(x, 500.0), rel=0.05)
+    signals = prepare(Recording(t, {"joint_position": x}))
+    assert signals.period == pytest.approx(6.0, abs=1e-3)
+    assert np.all(signals.noise["joint_position"] >= 0.99 * step / np.sqrt(12))
+
+
 def test_period_is_found_to_a_fraction_of_a_sample():
     """A period that is no whole number of samples is found to a hundredth of one; noise and drift have none."""
     rng = np.random.default_rng(0)
