@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import overload
 
 import numpy as np
 
@@ -15,6 +18,37 @@ from .scores import Score, family_wise
 from .search import Search
 from .settling import tied
 from .shapes import refine, tuned
+
+Weighed = tuple[Candidate, float]
+
+
+class Rivals(Sequence[Weighed]):
+    """Rivals that are not looked for before they are asked for: what is still to be changed needs none.
+
+    Parameters
+    ----------
+    find : callable
+        Finds them.
+    """
+
+    def __init__(self, find: Callable[[], Sequence[Weighed]]):
+        self._find = find
+
+    @cached_property
+    def _found(self) -> Sequence[Weighed]:
+        found = self._find()
+        del self._find  # it holds the columns of all candidates
+        return found
+
+    @overload
+    def __getitem__(self, index: int) -> Weighed: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Weighed]: ...
+    def __getitem__(self, index):
+        return self._found[index]
+
+    def __len__(self) -> int:
+        return len(self._found)
 
 
 @dataclass(frozen=True)
@@ -30,7 +64,7 @@ class Found:
         Penalised log-likelihood (half of BIC's difference).
     log_p : float
         Natural log of the family-wise p-value.
-    rivals : tuple of (Candidate, float)
+    rivals : sequence of (Candidate, float)
         Others in its place, with their penalised log-likelihood less this one's; best first. Friction counts in that
         form, on either side, that is likeliest (`likeliest`).
     agreement : float
@@ -41,7 +75,7 @@ class Found:
     score: Score
     gain: float
     log_p: float
-    rivals: tuple[tuple[Candidate, float], ...] = ()
+    rivals: Sequence[Weighed] = ()
     agreement: float = 1.0
 
 
@@ -97,6 +131,15 @@ def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> F
     without = search.without(search.fit(accepted), j)
     score = freed(search, without, candidate, search.score(without, candidate))
     own = gain(search, without, candidate, score)
+    rivals = Rivals(lambda: _rivals(search, bank, without, accepted, candidate, score))
+    return Found(candidate, score, own, family_wise(score, candidate, 0.01), rivals)
+
+
+def _rivals(
+    search: Search, bank: Bank, without: Fit, accepted: list[Candidate], candidate: Candidate, score: Score
+) -> list[Weighed]:
+    """List what could stand in the place of an effect beside a fit, the likeliest first."""
+    own = gain(search, without, candidate, score)
     likely = max(own, gain(search, without, *likeliest(search, without, candidate, score)))
     rivals = []
     for leader, _, _ in leading(search, without, bank, 12, accepted, None, [candidate]):
@@ -113,8 +156,7 @@ def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> F
             sound = np.isfinite(s.statistic) and refined.is_plausible(s.beta, without.effects)
             if sound and not (hides_in_masses(search, without, refined) or drives(search, without, refined)):
                 rivals.append((refined, gain(search, without, refined, s) - likely))
-    rivals.sort(key=lambda item: -item[1])
-    return Found(candidate, score, own, family_wise(score, candidate, 0.01), tuple(rivals))
+    return sorted(rivals, key=lambda item: -item[1])
 
 
 def with_effects(explanation: Explanation, effects: list[Candidate]) -> Explanation:

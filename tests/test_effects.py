@@ -466,20 +466,27 @@ def test_ends_of_a_recording_are_no_motion(arm):
 
 
 def test_friction_by_torque_may_follow_other_torques():
-    """What the rotor takes and what springs bring are among what its law leaves open."""
+    """What the rotor takes, as the shape says; what springs bring is among what the law leaves open."""
     arm = load_model("urdf/cdm2.yaml")
     effect = CATALOGUE["torque_dependent_friction"]
     motion = make_motion(replace(arm, rotor_inertia=np.full(2, 0.05)))
     motor = next(p for p in effect.places(arm) if p.location == {"kind": "motor", "index": 2})
-    own, rotor = (abs(x) for x in (motion.tau_m[:, 1], motion.tau_m[:, 1] + 0.05 * motion.a_m[:, 1]))
-    series = effect.leaves_open(motion, motor, (0.01,), np.array([0.1])).along[0]
-    assert np.allclose(series[0], 0.0)
-    assert np.allclose(series[1], 0.1 * (rotor - own) * np.tanh(motion.v_m[:, 1] / 0.01))
+    assert [shape[1] for shape in effect.grid([motion], motor)] == [0.0, 1.0]
+    assert [shape[1] for shape in effect.grid([make_motion(replace(arm, rotor_inertia=np.zeros(2)))], motor)] == [0.0]
+    sign = np.tanh(motion.v_m[:, 1] / 0.01)
+    for rotor in (0.0, 1.0):
+        carried = motion.tau_m[:, 1] + rotor * 0.05 * motion.a_m[:, 1]
+        assert np.allclose(effect.columns(motion, motor, (0.01, rotor)).along[0][0], np.abs(carried) * sign)
+        assert np.allclose(effect.leaves_open(motion, motor, (0.01, rotor), np.array([0.1])).along[0], 0.0)
     spring = replace(motion, extra_joint=0.3 * motion.q)
     joint = next(p for p in effect.places(arm) if p.location == {"kind": "joint", "index": 2})
-    series = effect.leaves_open(spring, joint, (0.01,), np.array([0.1])).along[0]
-    change = np.abs(motion.tau[:, 1] + 0.3 * motion.q[:, 1]) - np.abs(motion.tau[:, 1])
-    assert np.allclose(series[0], 0.1 * change * np.tanh(motion.v[:, 1] / 0.01))
+    for place, torque, more, v in (
+        (joint, motion.tau[:, 1], 0.3 * motion.q[:, 1], motion.v[:, 1]),
+        (motor, motion.tau_m[:, 1], (0.3 * motion.q @ arm.joint_from_motor)[:, 1], motion.v_m[:, 1]),
+    ):
+        change = np.abs(torque + more) - np.abs(torque)
+        series = effect.leaves_open(spring, place, (0.01, 0.0), np.array([0.1])).along[0]
+        assert np.allclose(series[0], 0.1 * change * np.tanh(v / 0.01))
 
 
 def test_what_every_law_leaves_open_is_known_at_every_place():
