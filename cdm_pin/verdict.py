@@ -307,7 +307,7 @@ def _without_changing(verdict: Verdict, changing: Sequence[int]) -> Verdict:
     """Take their names from findings whose laws are others in the unseen recordings, and from what hangs on them."""
     found = verdict.explanation.found
     beside = [found[j] for j in changing]
-    words = "by a law that is another one in the unseen recordings"
+    words = "its law has another size in the unseen recordings than in the others"
     unexplained = verdict.unexplained or of_no_size(verdict.explanation, changing, words)
     most = LOUDER * max(f.score.statistic for f in beside)
     return replace(verdict, unexplained=unexplained).keeping(

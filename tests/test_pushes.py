@@ -124,7 +124,9 @@ def test_a_law_that_is_another_one_in_unseen_recordings_has_no_name(there, verdi
     assert content["verdict"] == verdict
     if there > 1.0:
         assert not content["findings"] and content["unexplained"]["location"] == {"kind": "joint", "index": 2}
-        assert content["unexplained"]["region"] == "by a law that is another one in the unseen recordings"
+        assert (
+            content["unexplained"]["region"] == "its law has another size in the unseen recordings than in the others"
+        )
         assert content["unexplained"]["nearest"][0]["effect"] == "viscous_friction"
     else:
         assert [(f["effect"], f["location"]["index"]) for f in content["findings"]] == [("viscous_friction", 2)]
