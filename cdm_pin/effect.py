@@ -237,6 +237,16 @@ def by_name(*names: str):
     return lambda beta, shape: dict(zip(names, map(float, beta), strict=False))
 
 
+def choice_physical(choice: str):
+    """Tell the coefficient, and which of two laws it is of: the second element of the shape, called so."""
+    return lambda beta, shape: {"coefficient": float(beta[0]), choice: shape[1] if len(shape) > 1 else 0.0}
+
+
+def choice_inverse(choice: str):
+    """Invert `choice_physical`."""
+    return lambda p: ([p["coefficient"]], [p.get(choice, 0.0)])
+
+
 def sinusoid_physical(amplitude: str):
     """Tell amplitude, cycles and phase of a wave, whose amplitude is called so."""
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import overload
+from functools import cache
 
 import numpy as np
 
@@ -22,35 +21,6 @@ from .shapes import refine, tuned
 Weighed = tuple[Candidate, float]
 
 
-class Rivals(Sequence[Weighed]):
-    """Rivals that are not looked for before they are asked for: what is still to be changed needs none.
-
-    Parameters
-    ----------
-    find : callable
-        Finds them.
-    """
-
-    def __init__(self, find: Callable[[], Sequence[Weighed]]):
-        self._find = find
-
-    @cached_property
-    def _found(self) -> Sequence[Weighed]:
-        found = self._find()
-        del self._find  # it holds the columns of all candidates
-        return found
-
-    @overload
-    def __getitem__(self, index: int) -> Weighed: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[Weighed]: ...
-    def __getitem__(self, index):
-        return self._found[index]
-
-    def __len__(self) -> int:
-        return len(self._found)
-
-
 @dataclass(frozen=True)
 class Found:
     """An effect in the model, with what was compared with it.
@@ -64,9 +34,8 @@ class Found:
         Penalised log-likelihood (half of BIC's difference).
     log_p : float
         Natural log of the family-wise p-value.
-    rivals : sequence of (Candidate, float)
-        Others in its place, with their penalised log-likelihood less this one's; best first. Friction counts in that
-        form, on either side, that is likeliest (`likeliest`).
+    find_rivals : callable
+        Gives `rivals`.
     agreement : float
         With what the unseen recordings alone make of it, 1 where that was not asked.
     """
@@ -75,8 +44,17 @@ class Found:
     score: Score
     gain: float
     log_p: float
-    rivals: Sequence[Weighed] = ()
+    find_rivals: Callable[[], Sequence[Weighed]] = tuple
     agreement: float = 1.0
+
+    @property
+    def rivals(self) -> Sequence[Weighed]:
+        """Others in its place, with their penalised log-likelihood less this one's; best first.
+
+        Friction counts in that form, on either side, that is likeliest (`likeliest`). They are not looked for before
+        they are asked for: what is still to be changed needs none.
+        """
+        return self.find_rivals()
 
 
 @dataclass(frozen=True)
@@ -131,7 +109,7 @@ def _compare(search: Search, bank: Bank, accepted: list[Candidate], j: int) -> F
     without = search.without(search.fit(accepted), j)
     score = freed(search, without, candidate, search.score(without, candidate))
     own = gain(search, without, candidate, score)
-    rivals = Rivals(lambda: _rivals(search, bank, without, accepted, candidate, score))
+    rivals = cache(lambda: _rivals(search, bank, without, accepted, candidate, score))
     return Found(candidate, score, own, family_wise(score, candidate, 0.01), rivals)
 
 

@@ -125,10 +125,9 @@ def with_scatter(
     values : dict
         Parameters as estimated.
     """
-    apart, chance = (parameters(candidate, beta, x) for x in (np.outer(step, step), covariance))
     out = {}
-    for name, v in values.items():
-        far, near = apart[name]["std"], chance[name]["std"]
+    for name, (far, near) in _shifts(candidate, beta, step, covariance).items():
+        v = values[name]
         more = np.sqrt(far**2 - near**2) if far > SCATTER * near else 0.0
         out[name] = v | {"std": float(np.hypot(v["std"], more))}
     return out
@@ -156,21 +155,25 @@ def is_another_there(
     step, covariance, values
         As `with_scatter` takes them.
     """
-    candidate, beta = fit.effects[j], fit.beta[j]
-    apart, chance = (parameters(candidate, beta, x) for x in (np.outer(step, step), covariance))
-    far = [
-        name
-        for name, size in _sizes({name: v["value"] for name, v in values.items()}).items()
-        if min(abs(size), apart[name]["std"]) > CERTAIN * chance[name]["std"] > 0.0
-        and apart[name]["std"] > UNLIKE * abs(size)
-    ]
+    candidate, far = fit.effects[j], []
+    shifts = _shifts(candidate, fit.beta[j], step, covariance)
+    for name, size in _sizes({name: v["value"] for name, v in values.items()}).items():
+        apart, chance = shifts[name]
+        if min(abs(size), apart) > CERTAIN * chance > 0.0 and apart > UNLIKE * abs(size):
+            far.append(name)
     if not far or not candidate.extra:
         return bool(far)
-    others = [there.fit([c for i, c in enumerate(fit.effects) if i != j], fit.whitener) for there in (search, judge)]
+    others = [there.without(fit, j) for there in (search, judge)]
     law = refine(judge, others[1], candidate)[0]
     betas = [there.score(beside, law).beta for there, beside in zip((search, judge), others, strict=True)]
     seen, unseen = (_sizes(law.effect.physical(b, law.shape)) for b in betas)
     return any(abs(unseen[name] - seen[name]) > UNLIKE * abs(seen[name]) for name in far)
+
+
+def _shifts(candidate: Candidate, beta: Vector, step: Vector, covariance: Vector) -> dict[str, tuple[float, float]]:
+    """Give by how much a step moves each parameter, and by how much chance does, whose covariance of steps is given."""
+    apart, chance = (parameters(candidate, beta, x) for x in (np.outer(step, step), covariance))
+    return {name: (v["std"], chance[name]["std"]) for name, v in apart.items()}
 
 
 def _sizes(values: dict[str, float]) -> dict[str, float]:
@@ -301,6 +304,8 @@ FALL = 0.75
 """Weight of coefficients, in their errors, at the time constant or period that suits best: there is a choice."""
 SCATTER = 2.0
 """Standard errors by which training and unseen recordings differ by chance."""
+OUTWEIGHS = 10.0
+"""How many times what has no name a finding has to explain to stand on its own beside it, wherever it is."""
 CERTAIN, UNLIKE = 6.0, 0.15
 """Standard errors, and share of itself, by which no parameter of a law that holds in all recordings differs in some."""
 REFINED = {
@@ -661,7 +666,7 @@ def absorbed(search: Search, explanation: Explanation, least: float = 0.02) -> l
     return out
 
 
-def outweighs(model: CableModel, found: Found, motor: int, excess: float, least: float = 10.0) -> bool:
+def outweighs(model: CableModel, found: Found, motor: int, excess: float) -> bool:
     """Whether a finding stands on its own beside an error of one motor that nothing describes.
 
     It does elsewhere; there its statistic has to be many times what is left, the whitened sum of squares `excess`, and
@@ -670,7 +675,7 @@ def outweighs(model: CableModel, found: Found, motor: int, excess: float, least:
     place = found.candidate.place
     if len(place.A + place.B) > 0 and abs(place.weights(model)[motor - 1]) < 1e-9:
         return True
-    return found.score.statistic > least * excess and not is_outdone(found, 0.0, 0.0)
+    return found.score.statistic > OUTWEIGHS * excess and not is_outdone(found, 0.0, 0.0)
 
 
 def is_sure(model: CableModel, found: Found, patches: Sequence[Found]) -> bool:

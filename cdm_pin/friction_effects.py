@@ -162,11 +162,6 @@ def load_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
     return [(sign_width(motions, place), only) for only in ((0.0, 1.0) if both else (0.0,))]
 
 
-def load_physical(beta: Vector, shape: Shape) -> dict[str, float]:
-    """Tell the coefficient, and whether the links alone load the hinge."""
-    return {"coefficient": float(beta[0]), "links_only": shape[1] if len(shape) > 1 else 0.0}
-
-
 def torque_columns(motion: Motion, place: Place, shape: Shape) -> Columns:
     """Column of friction by torque: its magnitude times sign(s')."""
     return acting(motion, place, np.abs(_carried(motion, place, shape)) * _sign(motion, place, shape))
@@ -184,11 +179,6 @@ def torque_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
     """Screen what carries the torque of the links, and of a motor what carries its rotor's beside."""
     turns = not any(place.A) and motions[0].model.rotor_inertia[place.index[0]] > 0.0
     return [(sign_width(motions, place), rotor) for rotor in ((0.0, 1.0) if turns else (0.0,))]
-
-
-def torque_physical(beta: Vector, shape: Shape) -> dict[str, float]:
-    """Tell the coefficient, and whether the rotor's torque loads what rubs, too."""
-    return {"coefficient": float(beta[0]), "with_rotor": shape[1] if len(shape) > 1 else 0.0}
 
 
 def other_torques_columns(motion: Motion, place: Place, shape: Shape, beta: Vector) -> Columns:

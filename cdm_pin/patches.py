@@ -185,10 +185,8 @@ REPELS = Effect(
     joint_places,
     spring_columns,
     lambda beta, shape: {},
-    bounds=lambda motions, place: [(1.0, 1.0)],
     signs=(),
     revealed_by="a torque that drives {place} away from some position",
-    reach=0.005,
 )
 """What a spring is called that pushes on, as no passive one does on the whole; it stands where one was found."""
 

@@ -224,11 +224,11 @@ def repelled(explanation: Explanation) -> Explanation:
     """Take the name from springs that drive on the whole (`drives`): what does so is none, whatever it looks like."""
     search, fit = explanation.search, explanation.fit
     laws = [f.candidate for f in explanation.found]
-    wrong = [drives(search, search.without(fit, j), law) for j, law in enumerate(laws)]
-    if not any(wrong):
-        return explanation
-    laws = [replace(law, effect=REPELS) if bad else law for law, bad in zip(laws, wrong, strict=True)]
-    return explained(search, explanation.bank, laws)
+    pulls = [j for j, law in enumerate(laws) if law.effect.least is not None]
+    wrong = [j for j in pulls if drives(search, search.without(fit, j), laws[j])]
+    for j in wrong:
+        laws[j] = replace(laws[j], effect=REPELS)
+    return explained(search, explanation.bank, laws) if wrong else explanation
 
 
 def peakless(explanation: Explanation, least: float = 2.0) -> Explanation:

@@ -164,7 +164,7 @@ def _rivals(k: int, findings: Sequence[Mapping[str, Any]], evidence: Evidence) -
     if not rivals:
         return ""
     best = (findings[k].get("evidence") or {}).get("delta_bic") or 0.0
-    rows = [[candidate(vars(rival)), number(round(best - rival.delta_bic, 2) + 0.0), rival.reason] for rival in rivals]
+    rows = [[candidate(vars(rival)), number(round(best - rival.delta_bic, 2)), rival.reason] for rival in rivals]
     return f"<h3>Rivals of {escape(candidate(findings[k]))}</h3>" + table(["Rival", "BIC behind", "Why it lost"], rows)
 
 

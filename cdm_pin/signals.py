@@ -18,6 +18,7 @@ from .signals_filters import (
     quantisation_step,
     quantisation_steps,
     resample_uniform,
+    rounding_std,
     torque_bandwidth,
     velocity_cutoff,
 )
@@ -167,7 +168,7 @@ def read_grid(recording: Recording, model: Robot | None = None, *, repair_clock:
     steps = logged_steps(recording)
     notices = [*recording.notices, *clock.notices]
     stamps = clock.time[clock.keep]
-    factor = _clock_factor(recording, logged, rate) if repair_clock else 1.0
+    factor = _clock_factor(recording, logged, rate, steps) if repair_clock else 1.0
     if factor != 1.0:
         notices.append(_wrong_rate(rate, factor))
         time, stamps, rate = time * factor, stamps * factor, rate / factor
@@ -293,10 +294,12 @@ def motion_at_rows(recording: Recording, side: str, cutoff: float | None = None)
     keep = np.concatenate([[True], np.diff(recording.time) > 0])
     time = recording.time[keep]
     rate = _rate(time)
+    if len(found) == len(_MOTION):
+        return found
+    limit = cutoff or _row_cutoff(time, found["position"][keep], rate)
     for of, derivative in (("position", "velocity"), ("velocity", "acceleration")):
         if derivative not in found:
             grid, x = resample_uniform(time, found[of][keep], rate)
-            limit = cutoff or _row_cutoff(time, found["position"][keep], rate)
             slope = differentiate(lowpass(x, rate, limit) if limit < 0.39 * rate else x, rate)
             found[derivative] = _carried(grid, slope, recording.time)
     return found
@@ -337,12 +340,15 @@ def _positions(logged: dict[str, np.ndarray]) -> np.ndarray | None:
     return np.hstack(found) if found else None
 
 
-def _clock_factor(recording: Recording, logged: dict[str, np.ndarray], rate: float) -> float:
+def _clock_factor(
+    recording: Recording, logged: dict[str, np.ndarray], rate: float, steps: dict[str, np.ndarray]
+) -> float:
     """Correct only a clock that was counted, not one that was stamped: stamps are believed over velocities."""
     positions = _positions(logged)
     if positions is None or len(positions) < 64:
         return 1.0
-    factor = clock_factor(logged, rate, choose_cutoff(positions, rate, derivative=1), recording.source)
+    cutoff = choose_cutoff(positions, rate, derivative=1, steps=_position_steps(logged, steps))
+    factor = clock_factor(logged, rate, cutoff, recording.source)
     counted = np.ptp(np.diff(recording.time)) < 1e-6 / rate
     return factor if counted else 1.0
 
@@ -417,12 +423,12 @@ def _with_period(signals: Signals, notices: list[str]) -> Signals:
         return signals
     turns = (signals.time[-1] - signals.time[0]) / period
     notices.append(f"the motion repeats every {period:.5g} s ({period * signals.rate:.5g} samples), {turns:.2g} times")
-    share = np.sqrt(min(signals.cutoff / (0.5 * signals.rate), 1.0))  # of what is in all of the band
     deviations = []
-    for channels, passed in ((signals.logged, 1.0), ({name: signals.channels[name] for name in signals.logged}, share)):
+    filtered = {name: signals.channels[name] for name in signals.logged}
+    for channels, cutoff in ((signals.logged, None), (filtered, signals.cutoff)):
         periods = average_channels(signals.time, channels, signals.valid, period, signals.rate)
-        rounding = {name: passed * steps / np.sqrt(12) for name, steps in signals.steps.items()}  # it may repeat, too
-        deviations.append({name: np.maximum(x, rounding.get(name, 0.0)) for name, x in periods.deviation.items()})
+        rounding = {name: rounding_std(signals.steps[name], signals.rate, cutoff) for name in channels}  # repeats, too
+        deviations.append({name: np.maximum(x, rounding[name]) for name, x in periods.deviation.items()})
     if np.sum(periods.count > 1) < 0.25 * len(periods.count):
         return replace(signals, period=period)
     return replace(signals, period=period, noise=deviations[0], floor=deviations[1])

@@ -179,7 +179,7 @@ def _rounded_density(
 ) -> np.ndarray:
     """Read the floor off spectra, never below what rounding to the steps makes, step / sqrt(12) over the full band."""
     steps = quantisation_steps(x) if steps is None else steps
-    return np.maximum(noise_density(frequency, density), steps**2 / 6 / rate)
+    return np.maximum(noise_density(frequency, density), rounding_std(steps, rate) ** 2 / (0.5 * rate))
 
 
 def choose_cutoff(
@@ -384,10 +384,18 @@ def noise_floor(x: np.ndarray, rate: float, cutoff: float | None = None, steps: 
     """
     if len(x) < 16:
         return np.zeros(x.shape[1])
-    band = 0.5 * rate if cutoff is None else min(cutoff, 0.5 * rate)
     steps = quantisation_steps(x) if steps is None else steps
-    full = np.maximum(_white_std(x, rate), steps / np.sqrt(12))
-    return full * np.sqrt(band / (0.5 * rate))
+    return np.maximum(band_share(rate, cutoff) * _white_std(x, rate), rounding_std(steps, rate, cutoff))
+
+
+def rounding_std(steps: np.ndarray, rate: float, cutoff: float | None = None) -> np.ndarray:
+    """Give the standard deviation of what rounding to steps makes below a frequency, step / sqrt(12) in all."""
+    return band_share(rate, cutoff) * steps / np.sqrt(12)
+
+
+def band_share(rate: float, cutoff: float | None = None) -> float:
+    """Give the share of white noise (of its standard deviation) that lies below a frequency; default all of it."""
+    return 1.0 if cutoff is None else float(np.sqrt(min(cutoff / (0.5 * rate), 1.0)))
 
 
 def quantisation_steps(x: np.ndarray) -> np.ndarray:

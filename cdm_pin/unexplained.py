@@ -98,12 +98,11 @@ def of_no_size(
 
     What several motors share is on that which has most of it; what has no place in the arm is none of these.
     """
-    found = [f for f in (explanation.found[j] for j in which) if _indexed(f.candidate) is not None]
-    if not found:
+    places = {j: place for j in which if (place := _indexed(explanation.found[j].candidate)) is not None}
+    if not places:
         return None
-    main = max(found, key=lambda f: f.score.statistic)
-    size = _size(explanation, explanation.found.index(main))
-    place = _indexed(main.candidate) or {}
+    j = max(places, key=lambda j: explanation.found[j].score.statistic)
+    main, place, size = explanation.found[j], places[j], _size(explanation, j)
     laws = [main.candidate, *(rival for rival, _ in main.rivals if rival.named)][:3]
     nearest = [{"effect": c.effect.name, "location": c.location} for c in laws]
     return something(place["kind"], place["index"], words, size, nearest=nearest)

@@ -37,8 +37,6 @@ LIKE = 0.5
 """How like a finding beside a correction the unseen recordings have to make it by themselves."""
 FAR = 25.0
 """Squared error on unseen recordings, in units of the noise, beside which a finding has to carry most of it."""
-LOUDER = 10.0
-"""How many times what has no name a finding has to explain to stand on its own beside it, wherever it is."""
 ANY, VAGUE = 1.0, 2.0
 """Standard errors, by unseen recordings too, up to which a finding is none, and beside something unexplained."""
 
@@ -309,7 +307,7 @@ def _without_changing(verdict: Verdict, changing: Sequence[int]) -> Verdict:
     beside = [found[j] for j in changing]
     words = "its law has another size in the unseen recordings than in the others"
     unexplained = verdict.unexplained or of_no_size(verdict.explanation, changing, words)
-    most = LOUDER * max(f.score.statistic for f in beside)
+    most = fi.OUTWEIGHS * max(f.score.statistic for f in beside)
     return replace(verdict, unexplained=unexplained).keeping(
         lambda j: j not in changing and (found[j].score.statistic > most or fi.is_sure(verdict.model, found[j], beside))
     )

@@ -380,6 +380,7 @@ def number(value: Any, digits: int = 3) -> str:
     """Write a number with `digits` significant digits and no exponent where a person can do without."""
     if not isinstance(value, (int, float)) or not math.isfinite(value):
         return "unknown"
+    value += 0.0  # zero has no sign
     if value == 0 or not 1e-4 <= abs(value) < 1e5:
         return f"{value:.{digits}g}"
     text = f"{value:.{max(digits - 1 - math.floor(math.log10(abs(value))), 0)}f}"

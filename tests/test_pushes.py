@@ -1,4 +1,4 @@
-"""Pushes whose edges alone tell them, and what several motors or another one's torque show."""
+"""Pushes whose edges alone tell them, and torques that are, or are not, the law that they look like."""
 
 from dataclasses import replace
 from itertools import product
@@ -21,7 +21,7 @@ ARM = load_model(Path(__file__).resolve().parent.parent / "urdf" / "planar3.yaml
 T = np.arange(0, 60, 0.005)
 
 
-def recording(seed, on_joints=None, crosstalk=0.0, walk=0.0, pulled=None, on_motors=None, arm=ARM):
+def recording(seed, on_joints=None, crosstalk=0.0, walk=0.0, on_motors=None, arm=ARM):
     """One minute of three links: white noise of 0.01 N m, slow noise at motor 1, motor 3 sees some of motor 1."""
     rng = np.random.default_rng(seed)
     w, phase = np.array([1.1, 1.7, 2.3]), rng.uniform(0, 6, (2, 3))
@@ -33,9 +33,7 @@ def recording(seed, on_joints=None, crosstalk=0.0, walk=0.0, pulled=None, on_mot
     if on_motors is not None:
         torque += on_motors(torque, v @ arm.motor_from_joint.T, a @ arm.motor_from_joint.T)
     if on_joints is not None:
-        torque += ARM.motor_torque(on_joints(v))
-    if pulled is not None:
-        torque += ARM.motor_torque(pulled(q))
+        torque += arm.motor_torque(on_joints(q, v))
     torque[:, 2] += crosstalk * torque[:, 0]
     torque[:, 0] += walk * np.cumsum(rng.standard_normal(len(T))) / np.sqrt(len(T))
     torque += 0.01 * rng.standard_normal(q.shape)
@@ -44,7 +42,7 @@ def recording(seed, on_joints=None, crosstalk=0.0, walk=0.0, pulled=None, on_mot
 
 def push(size, start, end):
     """Torque on joint 2 for some time."""
-    return lambda v: np.where((start <= T) & (end > T), -size, 0.0)[:, None] * np.array([0.0, 1.0, 0.0])
+    return lambda q, v: np.where((start <= T) & (end > T), -size, 0.0)[:, None] * np.array([0.0, 1.0, 0.0])
 
 
 def test_the_best_edges_are_the_best_of_all():
@@ -78,21 +76,21 @@ def test_a_torque_that_follows_another_motors_gets_no_name():
     assert "follows that of another motor" in content["unexplained"]["region"]
 
 
-def test_what_drives_a_joint_away_is_no_spring():
+@pytest.mark.parametrize(("sign", "verdict"), [(-1.0, "unexplained"), (1.0, "missing_physics")])
+def test_what_drives_a_joint_away_is_no_spring(sign, verdict):
     """It pulls as a spring that stiffens, but to where its joint is not; one that does the opposite is a spring."""
-    for sign, verdict in ((-1.0, "unexplained"), (1.0, "missing_physics")):
 
-        def pulled(q, sign=sign):
-            return sign * (0.9 * q[:, 1:2] - 0.2 * q[:, 1:2] ** 3) * np.array([0.0, 1.0, 0.0])
+    def pull(q, v):
+        return sign * (0.9 * q[:, 1:2] - 0.2 * q[:, 1:2] ** 3) * np.array([0.0, 1.0, 0.0])
 
-        runs = [recording(seed, pulled=pulled) for seed in (8, 9)]
-        content = diagnose(ARM, runs[:1], runs[1:]).content
-        assert content["verdict"] == verdict
-        if sign < 0:
-            assert not content["findings"] and content["unexplained"]["location"] == {"kind": "joint", "index": 2}
-            assert "drives joint 2 away" in content["unexplained"]["region"]
-        else:
-            assert [(f["effect"], f["location"]["index"]) for f in content["findings"]] == [("joint_spring", 2)]
+    runs = [recording(seed, pull) for seed in (8, 9)]
+    content = diagnose(ARM, runs[:1], runs[1:]).content
+    assert content["verdict"] == verdict
+    if sign < 0:
+        assert not content["findings"] and content["unexplained"]["location"] == {"kind": "joint", "index": 2}
+        assert "drives joint 2 away" in content["unexplained"]["region"]
+    else:
+        assert [(f["effect"], f["location"]["index"]) for f in content["findings"]] == [("joint_spring", 2)]
 
 
 @pytest.mark.parametrize("with_rotor", [0.0, 1.0])
@@ -117,7 +115,7 @@ def test_a_law_that_is_another_one_in_unseen_recordings_has_no_name(there, verdi
     """A drag of joint 2 that grows by a third from one recording to the next is no constant of it, however it fits."""
     sizes = (0.4, 0.4 * there)
     runs = [
-        recording(seed, lambda v, size=size: size * v[:, 1:2] * np.array([0.0, 1.0, 0.0]))
+        recording(seed, lambda q, v, size=size: size * v[:, 1:2] * np.array([0.0, 1.0, 0.0]))
         for seed, size in zip((10, 11), sizes, strict=True)
     ]
     content = diagnose(ARM, runs[:1], runs[1:]).content
@@ -136,7 +134,7 @@ def test_what_motors_err_by_alike_is_no_noise():
     """Dry friction of joint 2 that swells and fades, otherwise in every recording: no law, but no sensor's noise."""
 
     def rubbing(phase):
-        return lambda v: (
+        return lambda q, v: (
             (0.8 * (1 + 0.95 * np.sin(2 * np.pi * T / 5.3 + phase)) * np.tanh(v[:, 1] / 0.01))[:, None]
             * np.array([0.0, 1.0, 0.0])
         )

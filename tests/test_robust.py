@@ -522,10 +522,10 @@ def test_no_law_takes_the_place_of_two(monkeypatch):
         score=lambda without, candidate: score,
     )
     score = Score(100.0, 1, np.ones(1), 1.0, 1.0)
-    found = [Found(c, score, 50.0, -50.0, ((simple, 0.0),)) for c in (spring, tilt)]
+    found = [Found(c, score, 50.0, -50.0, lambda: ((simple, 0.0),)) for c in (spring, tilt)]
 
     def explained(search, bank, accepted):
-        return SimpleNamespace(found=[Found(c, own[c is simple], 50.0, -50.0, ()) for c in accepted])
+        return SimpleNamespace(found=[Found(c, own[c is simple], 50.0, -50.0) for c in accepted])
 
     own = [score, score]
     monkeypatch.setattr("cdm_pin.explanation.explained", explained)
@@ -600,7 +600,7 @@ def test_the_unseen_recordings_choose_between_laws(monkeypatch, unseen):
     judge = SimpleNamespace(body=lambda whitener: SimpleNamespace(data=np.zeros(100)))
     monkeypatch.setattr(judging, "deviance_unseen", lambda judge, effects: unseen if play in effects else 1000.0)
     monkeypatch.setattr(judging, "explained", lambda search, bank, effects: effects)
-    found = Found(offset, Score(500.0, 1, np.ones(1), 1.0, 1.0), 240.0, -200.0, ((play, -0.1),))
+    found = Found(offset, Score(500.0, 1, np.ones(1), 1.0, 1.0), 240.0, -200.0, lambda: ((play, -0.1),))
     given = SimpleNamespace(search=search, found=(found,), fit=SimpleNamespace(whitener=None), bank=None)
     chosen = judging._reconsidered(judge, given)
     assert chosen == [play] if unseen < 100.0 else chosen is given
@@ -624,7 +624,7 @@ def test_the_unseen_recordings_may_choose_a_finer_law(monkeypatch, named, differ
     monkeypatch.setattr(judging, "deviance_unseen", lambda judge, effects: 950.0 if pulley in effects else 1000.0)
     monkeypatch.setattr(judging, "explained", lambda search, bank, effects: effects)
     monkeypatch.setattr(judging, "ONCE", ())
-    found = Found(offset, Score(500.0, 1, np.ones(1), 1.0, 1.0), 240.0, -200.0, ((pulley, difference),))
+    found = Found(offset, Score(500.0, 1, np.ones(1), 1.0, 1.0), 240.0, -200.0, lambda: ((pulley, difference),))
     given = SimpleNamespace(search=search, found=(found,), fit=SimpleNamespace(whitener=None), bank=None)
     chosen = judging._reconsidered(judge, given)
     assert chosen == [pulley] if named and difference > -15.0 else chosen is given
