@@ -16,6 +16,7 @@ from .explanation import Explanation
 from .fit import Fit
 from .model import CableModel
 from .next_experiment import Experiment
+from .parts import parts_of, reduction_apart
 from .problem import Problem
 from .regions import region
 from .search import Search, errors, rms
@@ -143,9 +144,11 @@ def _finding(
     found, fit = explanation.found[j], explanation.fit
     candidate, reduction, delta_bic = found.candidate, None, fi.refit_gain(found)
     without, there = search.without(fit, j), judge
-    if candidate.is_swinging(search.problem.motions[0]):  # its columns say nothing of a cable that is rigid
+    swinging = candidate.is_swinging(search.problem.motions[0])
+    if swinging:  # its columns say nothing of a cable that is rigid
         without, there = search.stiff.fit(list(without.effects)), judge.stiff if judge is not None else None
         delta_bic = 2 * swing_gain(search, fit, without)
+    elsewhere = None if swinging or judge is not None else reduction_apart(parts_of(search), fit, without)
     if judge is not None and there is not None:
         rests = [errors(s, f.base, f.effects, f.beta) for s, f in ((judge, fit), (there, without))]
         level = np.maximum(rms(judge, rests[0]), 1e-12)
@@ -164,6 +167,7 @@ def _finding(
             "delta_bic": delta_bic,
             "log10_p": found.log_p / np.log(10),
             "holdout_rmse_reduction": reduction,
+            "parts_rmse_reduction": elsewhere,
         },
         "indistinguishable_from": fi.indistinguishable(search, explanation, j),
         "time": time,

@@ -22,6 +22,7 @@ from .leaders import POSTURE
 from .likelihood import evidence, likeliest
 from .model import CableModel
 from .motion import Motion
+from .parts import Part
 from .patches import MISREAD
 from .places import kinds_of, parallel
 from .search import Search, rms
@@ -109,6 +110,15 @@ def unseen_shift(judge: Search, fit: Fit, covariance: Vector) -> tuple[Vector, V
     return shift, chance
 
 
+def apart(parts: Sequence[Part], fit: Fit) -> list[tuple[Part, Vector, Vector]]:
+    """Give by how far from all others each part of the recordings sees all parameters, and with what covariance."""
+    out = []
+    for part in parts:
+        (own, chance), (rest, other) = (unseen_step(search, fit) for search in (part.own, part.others))
+        out.append((part, own - rest, chance + other))
+    return out
+
+
 def with_scatter(
     candidate: Candidate, beta: Vector, step: Vector, covariance: Vector, values: dict[str, dict[str, Any]]
 ) -> dict[str, dict[str, Any]]:
@@ -144,7 +154,8 @@ def is_another_there(
 ) -> bool:
     """Whether unseen recordings tell another size of effect `j` than the training, far beyond chance.
 
-    What a law is off by does not make it a good part larger; where that depends on the recording it is another law.
+    What a law is off by does not make it a good part larger; where that depends on the recording it is another law. One
+    of its parameters may be far off where that changes little of its torque, such as the damping of a stiff cable.
     Its shape may be hard to tell in either: both are asked for the sizes that they see with the one of the unseen.
 
     Parameters
@@ -161,13 +172,15 @@ def is_another_there(
         apart, chance = shifts[name]
         if min(abs(size), apart) > CERTAIN * chance > 0.0 and apart > UNLIKE * abs(size):
             far.append(name)
-    if not far or not candidate.extra:
-        return bool(far)
-    others = [there.without(fit, j) for there in (search, judge)]
-    law = refine(judge, others[1], candidate)[0]
-    betas = [there.score(beside, law).beta for there, beside in zip((search, judge), others, strict=True)]
-    seen, unseen = (_sizes(law.effect.physical(b, law.shape)) for b in betas)
-    return any(abs(unseen[name] - seen[name]) > UNLIKE * abs(seen[name]) for name in far)
+    if not far:
+        return False
+    law, beta = candidate, (fit.beta[j], fit.beta[j] + step[: len(fit.beta[j])])
+    if candidate.extra:
+        others = [there.without(fit, j) for there in (search, judge)]
+        law = refine(judge, others[1], candidate)[0]
+        beta = [there.score(beside, law).beta for there, beside in zip((search, judge), others, strict=True)]
+    W = judge.white(fit.whitener, judge.columns(law))
+    return bool(np.linalg.norm((beta[1] - beta[0]) @ W) > UNLIKE * np.linalg.norm(beta[0] @ W))
 
 
 def _shifts(candidate: Candidate, beta: Vector, step: Vector, covariance: Vector) -> dict[str, tuple[float, float]]:

@@ -16,6 +16,7 @@ from .everywhere import agreements, confirmed
 from .explanation import Explanation, Found, explained
 from .fit import Fit
 from .likelihood import REFINING, evidence, likeliest
+from .parts import deviance_apart, parts_of
 from .patching import patch
 from .plainness import EVIDENT, PREFERENCE
 from .problem import Problem, Run
@@ -31,11 +32,14 @@ DECIDED = 10.0
 CLOSE = 2.0
 """Whitened sum of squares on unseen recordings, per sample, up to which a finer law may be told by them."""
 
+CONTRADICTED = 1.0
+"""Sum of squares by which parts of the recordings are less likely with a finding that the others make."""
+
 
 def validated(seen: Problem | None, explanation: Explanation) -> tuple[Search | None, Explanation]:
     """Keep of an explanation what the unseen recordings confirm; give the search on them, about the same model, too."""
     if seen is None:
-        return None, _weighed(None, explanation) if explanation.everywhere else explanation
+        return None, _weighed(None, explanation) if explanation.everywhere else _crossed(explanation)
     seen = _undisturbed(seen, explanation)
     judge = judge_of(seen, explanation)
     if explanation.everywhere:
@@ -137,6 +141,29 @@ def _judged(judge: Search, explanation: Explanation) -> Explanation:
             break
         explanation, patched = explained(search, search.renewed(explanation.bank), more), law is None
         judge = judge if law is None else judge_of(judge.problem, explanation)
+    return explanation
+
+
+def _crossed(explanation: Explanation) -> Explanation:
+    """Withdraw, one at a time, what makes parts of the recordings less likely after the fit to the others.
+
+    Whatever is seen in one part alone does not, nor what happens once.
+    """
+    parts = parts_of(explanation.search) if explanation.found else []
+    while parts:
+        fit, search = explanation.fit, explanation.search
+        own, motion = deviance_apart(parts, fit), search.problem.motions[0]
+        gains = {
+            j: deviance_apart(parts, search.without(fit, j)) - own
+            for j, c in enumerate(fit.effects)
+            if c.effect.name not in ONCE and not c.is_swinging(motion)
+        }
+        worst = min(gains, key=lambda j: gains[j], default=None)
+        if worst is None or gains[worst] > -CONTRADICTED:
+            break
+        explanation = _restricted(explanation, [f for j, f in enumerate(explanation.found) if j != worst])
+        if explanation.search is not search:
+            parts = parts_of(explanation.search)
     return explanation
 
 

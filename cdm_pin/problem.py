@@ -336,7 +336,8 @@ def make_problem(
     def made(band: Band) -> Problem:
         ready = [prepare(recording, model, rate=rate, cutoff=band.cutoff, grid=grid) for recording, grid in logs]
         thin = _thinned(band)
-        runs = [_thinned_run(_run(model, s, band, torque, kinematic, i), thin) for i, s in enumerate(ready, first)]
+        runs = [_run(model, s, band, torque, kinematic, i) for i, s in enumerate(ready, first)]
+        runs = [_without_means(_thinned_run(run, thin)) for run in runs]
         sensors = SensorNoise(model, tuple(ready), band)
         return Problem(model, tuple(run.with_model(model) for run in runs), thin, torque, kinematic, sensors)
 
@@ -519,8 +520,16 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
         return run
     shares = band.shares(motion.n, band.segments(signals.valid))
     run = replace(run, sure=_sure_of_mean(model, signals), shares=shares)
-    left = run.without_mean((_dithered(travel, signals, model) * model.arm_scale - stated).T)
+    left = (_dithered(travel, signals, model) * model.arm_scale - stated).T
     return replace(run, data=np.concatenate([run.data, left]))
+
+
+def _without_means(run: Run) -> Run:
+    """Take from the travels of a run what rounding may have made of their means, at the rate at which columns are."""
+    if run.sure is None:
+        return run
+    m = len(run.sure)
+    return replace(run, data=np.concatenate([run.data[:-m], run.without_mean(run.data[-m:])]))
 
 
 def _thinned(band: Band) -> Band:

@@ -135,22 +135,28 @@ def _what(diagnosis: Mapping[str, Any], evidence: Evidence) -> str:
     rows = []
     for k, finding in enumerate(findings, 1):
         proof = finding.get("evidence") or {}
-        reduction = proof.get("holdout_rmse_reduction")
+        reduction, parts = proof.get("holdout_rmse_reduction"), proof.get("parts_rmse_reduction")
         others = ", ".join(candidate(other) for other in finding.get("indistinguishable_from") or [])
         rows.append([
             str(k),
             candidate(finding) + (" (unconfirmed)" if unconfirmed(finding) else ""),
             number(proof.get("delta_bic")),
             _chance(proof.get("log10_p")),
-            f"{100 * reduction:.0f} %" if isinstance(reduction, (int, float)) else "-",
+            _share(reduction) if parts is None else f"{_share(parts)} (parts)",
             others or "nothing else",
         ])  # fmt: skip
+    judged_apart = any((f.get("evidence") or {}).get("parts_rmse_reduction") is not None for f in findings)
     header = ["", "Finding", "BIC gain", "Chance", "Error removed on unseen data", "Cannot be told from"]
     html = table(header, rows) + paragraph(
         "BIC gain: how much better the recordings are described, after paying for each parameter. "
         "Chance: how likely noise alone would look like this."
+        + (" Parts: no recording is unseen, so each part is judged by a fit to all others." if judged_apart else "")
     )
     return html + "".join(_rivals(k, findings, evidence) for k in range(len(findings)))
+
+
+def _share(value: Any) -> str:
+    return f"{100 * value:.0f} %" if isinstance(value, (int, float)) else "-"
 
 
 def _chance(log10_p: Any) -> str:

@@ -150,6 +150,13 @@ class Search:
             judge.drift = replace(self.drift, columns=none)
         return judge
 
+    def seeing(self, problem: Problem) -> Search:
+        """Give the same search on other rows of the same recordings."""
+        search = Search(problem, self.base, self.settings, self.held, self.drift)
+        search._cache = self._cache
+        search.__dict__ |= {"rigid": self.rigid, "nominal": self.nominal}
+        return search
+
     def drifting(self, drift: Drift) -> Search:
         """Give the same search with what zeros of sensors do beside the rigid body."""
         search = Search(self.problem, self.base, self.settings, self.held, drift)

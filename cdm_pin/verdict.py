@@ -15,6 +15,7 @@ from .explanation import Explanation, Found
 from .fit import Fit
 from .geometry import Vector
 from .model import CableModel
+from .parts import Part, parts_of
 from .search import Search
 from .unexplained import (
     at_corrections,
@@ -275,10 +276,11 @@ def _agreed(verdict: Verdict) -> Verdict:
         j: fi.with_law_errors(search, fit, j, covariance, where[j], values) for j, values in verdict.stated.items()
     }
     lasting = [j for j in stated if fit.effects[j].effect.name not in ONCE]
-    if not lasting or judge is None or not any(judge.problem.segments):
-        return replace(verdict, stated=stated)
-    step, chance = fi.unseen_shift(judge, fit, covariance)
     told = {j: verdict.fitted[j] for j in stated}  # by the recordings, whatever else its law may be wrong by
+    parted = [] if explanation.everywhere else _changing_parts(verdict, told, lasting)
+    if not lasting or judge is None or not any(judge.problem.segments):
+        return _without_changing(replace(verdict, stated=stated), parted, "some parts of the recordings")
+    step, chance = fi.unseen_shift(judge, fit, covariance)
     changing = []
     for j in lasting:
         own = step[where[j]], chance[np.ix_(where[j], where[j])]
@@ -294,18 +296,32 @@ def _agreed(verdict: Verdict) -> Verdict:
     vague = [j for j, v in told.items() if sure(j, verdict.fitted[j]) and not sure(j, v)]
     vague = [j for j in vague if not (carries(judge, explanation, j) or is_loud_there(judge, explanation, j))]
     verdict = replace(verdict, stated=stated).keeping(lambda j: j not in vague)
-    if changing:
-        verdict = _without_changing(verdict, changing)
+    verdict = _without_changing(verdict, changing, "the unseen recordings")
+    verdict = _without_changing(verdict, [j for j in parted if j in verdict.stated], "some parts of the recordings")
     if not vague or verdict.stated:
         return verdict
     return replace(verdict, unexplained=verdict.unexplained or of_no_size(explanation, vague))
 
 
-def _without_changing(verdict: Verdict, changing: Sequence[int]) -> Verdict:
-    """Take their names from findings whose laws are others in the unseen recordings, and from what hangs on them."""
+def _changing_parts(verdict: Verdict, told: Mapping[int, Values], lasting: Sequence[int]) -> list[int]:
+    """List the findings whose laws have another size in one part of the recordings than in all others."""
+    fit, where = verdict.fit, verdict.where
+    seen = fi.apart(parts_of(verdict.search), fit) if lasting else []
+
+    def changes(j: int, part: Part, step: Vector, chance: Vector) -> bool:
+        own = step[where[j]], chance[np.ix_(where[j], where[j])]
+        return fi.is_another_there(part.others, part.own, fit, j, *own, told[j])
+
+    return [j for j in lasting if any(changes(j, *each) for each in seen)]
+
+
+def _without_changing(verdict: Verdict, changing: Sequence[int], there: str) -> Verdict:
+    """Take their names from findings whose laws are others somewhere, and from what hangs on them."""
+    if not changing:
+        return verdict
     found = verdict.explanation.found
     beside = [found[j] for j in changing]
-    words = "its law has another size in the unseen recordings than in the others"
+    words = f"its law has another size in {there} than in the others"
     unexplained = verdict.unexplained or of_no_size(verdict.explanation, changing, words)
     most = fi.OUTWEIGHS * max(f.score.statistic for f in beside)
     return replace(verdict, unexplained=unexplained).keeping(

@@ -594,6 +594,22 @@ def test_a_recording_at_a_higher_rate_says_the_same():
     assert errors_[1] == pytest.approx(errors_[0], rel=0.35)
 
 
+@pytest.mark.parametrize("rate", [200.0, 500.0])
+def test_what_is_taken_from_means_of_travels_is_taken_at_the_rate_of_columns(rate):
+    """What winds up moves the mean of a travel by more than rounding may: data and columns lose the same of it.
+
+    Were it taken at another rate, a fraction of a per cent of the mean would stay in one of them, as an offset.
+    """
+    model, record = quick_recording(rate)
+    q, motor = (record.channels[name] for name in ("joint_position", "motor_position"))
+    longer = 0.02 * q[:, 0] + 0.01 * record.time / record.time[-1]
+    wound = record.channels | {"motor_position": motor + np.outer(longer, [1.0, 0.0])}
+    (run,) = make_problem(model, [Recording(record.time, wound)], make_band(rate, 2.7)).runs
+    travel = (wound["motor_position"] - model.motor_position(q)) * model.arm_scale
+    mean = run.shares @ travel[:: round(rate / run.signals.rate)]
+    assert (run.data[-model.n_motors :] @ run.shares)[0] == pytest.approx(run.sure[0] * mean[0], rel=1e-4)
+
+
 @pytest.mark.parametrize(("rate", "most"), [(400.0, 1.17), (500.0, 1.17), (1003.86, 1.06), (2000.0, 1.06)])
 @pytest.mark.parametrize("cutoff", [3.0, 5.3, 12.87, 20.0])
 def test_a_thinned_band_keeps_its_rate(rate, most, cutoff):

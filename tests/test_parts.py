@@ -1,0 +1,76 @@
+"""Without unseen recordings, parts of those at hand judge each other."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.signal import savgol_filter
+from trials import search_of, written_trial
+
+from cdm_pin.diagnose import diagnose
+from cdm_pin.parts import parts_of
+from cdm_pin.recording import Recording
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory):
+    """Give a robot of which nothing is missing, and two of its recordings."""
+    folder = tmp_path_factory.mktemp("clean")
+    options = {"effects": 0, "n_links": 2, "duration": 40.0, "positions": "joint", "bits": 17, "noise": "white"}
+    model, runs, unseen, _, _ = written_trial(folder, 11, **options)
+    return model, [*runs, *unseen]
+
+
+def dragged(model, run, drag):
+    """Add drag to joint 2, whose coefficient [N m s/rad] is a function of time."""
+    v = np.gradient(savgol_filter(run.channels["joint_position"][:, 1], 31, 3), run.time)
+    torque = (drag(run.time - run.time[0]) * v)[:, None] * model.joint_from_motor[1]
+    return Recording(run.time, run.channels | {"motor_torque": run.channels["motor_torque"] + torque}, label=run.label)
+
+
+def test_one_recording_confirms_itself_part_by_part(clean):
+    """A law that holds throughout is named, with the error that it takes from parts fitted without them."""
+    model, runs = clean
+    content = diagnose(model, [dragged(model, runs[0], lambda t: 0.4 + 0.0 * t)]).content
+    (finding,) = content["findings"]
+    assert (finding["effect"], finding["location"]) == ("viscous_friction", {"kind": "joint", "index": 2})
+    assert finding["unconfirmed"]
+    assert finding["evidence"]["holdout_rmse_reduction"] is None
+    assert finding["evidence"]["parts_rmse_reduction"] > 0.3
+
+
+def test_a_law_that_changes_from_one_recording_to_the_next_has_no_name(clean):
+    """Drag of joint 2 that is 0.4 N m s/rad in one recording and 0.6 in the other; nor has anything on it."""
+    model, runs = clean
+    weak = dragged(model, runs[0], lambda t: 0.4 + 0.0 * t)
+    strong = dragged(model, runs[1], lambda t: 0.6 + 0.0 * t)
+    content = diagnose(model, [weak, strong]).content
+    assert content["verdict"] == "unexplained"
+    assert content["findings"] == []
+    assert content["unexplained"]["location"] == {"kind": "joint", "index": 2}
+
+
+def test_a_law_that_changes_while_it_is_recorded_has_no_name(clean):
+    """Drag of joint 2 that grows by half in 40 s."""
+    model, runs = clean
+    content = diagnose(model, [dragged(model, runs[0], lambda t: 0.4 + 0.006 * t)]).content
+    assert content["verdict"] == "unexplained"
+    assert content["findings"] == []
+    assert content["unexplained"]["location"] == {"kind": "joint", "index": 2}
+    assert content["unexplained"]["nearest"] == [
+        {"effect": "viscous_friction", "location": {"kind": "joint", "index": 2}}
+    ]
+
+
+def test_parts_are_all_of_a_recording(clean):
+    """Four parts of one recording, each with what the others leave, by stretches where filters have rung out."""
+    model, runs = clean
+    search = search_of(model, runs[0])
+    parts = parts_of(search)
+    assert len(parts) == 4
+    ends = [part.own.problem.segments[0][0] for part in parts]
+    assert all(a[1] < b[0] for a, b in pairwise(ends))
+    assert ends[0][0] == search.problem.segments[0][0][0]
+    assert ends[-1][1] == search.problem.segments[0][0][1]
+    rows = sum(b - a for a, b in ends)
+    assert all(sum(b - a for a, b in part.others.problem.segments[0]) < rows for part in parts)
