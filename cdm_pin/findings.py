@@ -12,6 +12,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from .candidates import SWUNG, Candidate, coupled_alike, twins
+from .doubts import errors_of_laws
 from .drifting import own_drifts
 from .effect import Columns, Effect
 from .effects import CATALOGUE, MAPS
@@ -301,6 +302,8 @@ ROUNDS = 0.03
 """Share of a step (rms) that rounding may bring where encoders move through many of them."""
 LISTED = 5.0
 """Difference of log-likelihood below which a rival is listed: noise spectra are estimates, small sums lean on them."""
+DOUBTED = 0.25
+"""Share of an effect's statistic by which a rival may be less likely, up to which errors of other laws may hide it."""
 HIDDEN = 0.3
 """Share that is left over of an effect of which it is said what takes the rest."""
 TRIFLE = 0.05
@@ -496,6 +499,8 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
         own = found.candidate if rival.detail else bare
         trifle = difference < close and is_plainer(search, without, own, rival)
         within = difference > -close and not trifle
+        if not (within or trifle) and -difference < DOUBTED * found.score.statistic:
+            within = -difference < between_errors_of_laws(search, without, own, rival)
         if not within and difference <= -0.1 * found.gain - 30:
             continue
         asked = rubs or not within
@@ -519,6 +524,18 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
     for other in coupled_alike(search.problem.model, found.candidate):
         add("transmission_coupling", other)
     return out
+
+
+def between_errors_of_laws(search: Search, without: Fit, own: Candidate, rival: Candidate) -> float:
+    """Bound by how much log-likelihood errors of the laws in a fit may set one effect before another in its place.
+
+    They may take any sign at any sample, as in `from_errors_of_laws`, where what the two explain differs.
+    """
+    if not without.effects:
+        return 0.0
+    rows = [search.white(without.whitener, search.columns(c)) for c in (own, rival)]
+    parts = [search.score(without, c).beta @ without.rest(W) for c, W in zip((own, rival), rows, strict=True)]
+    return float(np.abs(parts[0] - parts[1]) @ errors_of_laws(search, without))
 
 
 def is_plainer(search: Search, without: Fit, own: Candidate, rival: Candidate) -> bool:

@@ -9,7 +9,7 @@ import pytest
 import yaml
 from arms import planar_content
 from scipy.spatial.transform import Rotation
-from trials import loaded_trial
+from trials import loaded_trial, search_of
 
 from cdm_pin.band import make_band
 from cdm_pin.bank import all_candidates
@@ -20,7 +20,7 @@ from cdm_pin.drifting import own_drifts
 from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.effects import CATALOGUE
 from cdm_pin.explanation import explained
-from cdm_pin.findings import parameters, unseen_step, with_scatter
+from cdm_pin.findings import between_errors_of_laws, parameters, unseen_step, with_scatter
 from cdm_pin.leftover import left_over, tones
 from cdm_pin.likelihood import even_noise, freed
 from cdm_pin.manipulator import parse_manipulator
@@ -592,6 +592,19 @@ def test_a_recording_at_a_higher_rate_says_the_same():
     )
     assert values == pytest.approx([0.3, 0.3], abs=0.006)
     assert errors_[1] == pytest.approx(errors_[0], rel=0.35)
+
+
+def test_errors_of_a_law_may_hide_which_of_two_others_is_there():
+    """In proportion to what the law explains; without it there is nothing to be wrong."""
+    bounds = {}
+    for level in (0.3, 1.2):
+        search = search_of(*quick_recording(200.0, level=level))
+        friction = {(c.effect.name, c.location["kind"], c.location.get("index")): c for c in search.common}
+        dry, *others = (friction[name, "joint", 2] for name in ("coulomb_friction", "viscous_friction", "joint_spring"))
+        assert between_errors_of_laws(search, search.fit([]), *others) == 0.0
+        bounds[level] = between_errors_of_laws(search, search.fit([dry]), *others)
+    assert bounds[0.3] > 0.0
+    assert bounds[1.2] == pytest.approx(4.0 * bounds[0.3], rel=0.5)
 
 
 @pytest.mark.parametrize("rate", [200.0, 500.0])
