@@ -57,6 +57,8 @@ STEADY = 30.0
 """Slow power over quick power that no travel between two encoders has; these do not drift."""
 LEAP = 0.4
 """Time on either side of a leap in which a travel is averaged [s]."""
+COLOUR, OTHERS = 3.0, 5.0
+"""How many times the noise of single samples a residual is, and how many times what that is of the other motors."""
 BURSTS = 3.0
 """How many times what it mostly is a residual is on the whole (rms) that is no noise of sensors."""
 MOVING = 0.1
@@ -216,6 +218,24 @@ def is_far(search: Search, fit: Fit) -> bool:
     left, noise = (left_over(search, fit.effects, smooth=smooth)[1].rms for smooth in (False, True))
     far = (left > ROUGH * noise) & (left > FAR * search.problem.sensed)
     return bool(np.any(far[: search.problem.model.n_motors]))
+
+
+def beyond_samples(search: Search, judge: Search | None, fit: Fit) -> Vector:
+    """Give by how much motors err where that is no noise of their sensors nor an error of laws, shape (n_motors,).
+
+    Sensors of one robot have noise of much the same colour: in the band it is not many times more of that of single
+    samples on one motor than on the others. In training and unseen recordings alike, drifts aside; zero elsewhere.
+    """
+    sizes, m = [], search.problem.model.n_motors
+    if not search.problem.torque or not any(search.problem.segments) or m < 2:
+        return np.zeros(m)
+    for there in [search] if judge is None or not any(judge.problem.segments) else [search, judge]:
+        size, laws = rms(there, still_errors(there, fit))[:m], np.hypot(_least(there), _accuracy(there, fit))[:m]
+        colour = size / np.maximum(there.problem.sensors.sampled, 1e-300)
+        others = np.array([np.median(np.delete(colour, i)) for i in range(m)])
+        far = (colour > np.maximum(COLOUR, OTHERS * others)) & (size > EVIDENTLY * laws)
+        sizes.append(np.where(far, size, 0.0))
+    return np.min(sizes, axis=0)
 
 
 def beyond_training(search: Search, judge: Search, fit: Fit, limit: float = 4.0) -> dict[str, Any] | None:

@@ -20,6 +20,7 @@ from .search import Search
 from .unexplained import (
     at_corrections,
     beyond_floor,
+    beyond_samples,
     beyond_training,
     bursting_torque,
     is_far,
@@ -28,6 +29,7 @@ from .unexplained import (
     of_no_size,
     ringing_torque,
     shared_torque,
+    something,
     swinging_torque,
     wandering_travel,
 )
@@ -237,6 +239,33 @@ def _loud(verdict: Verdict) -> Verdict:
     return verdict.keeping(lambda j: not far or candidates[j].location != unexplained["location"])
 
 
+def _drowned(verdict: Verdict) -> Verdict:
+    """Whether a motor errs by what no sensor does; what was found on it and takes less than most of that has no name.
+
+    What happens once is seen at its time.
+    """
+    if verdict.everywhere or not verdict.stated:
+        return verdict
+    search, explanation, candidates = verdict.search, verdict.explanation, verdict.fit.effects
+    errs = beyond_samples(search, verdict.judge, verdict.fit)
+    far = errs > 0.0
+
+    def drowns(j: int) -> bool:
+        place = candidates[j].place
+        if candidates[j].effect.name in ONCE or not place.A + place.B:
+            return False
+        acts = np.abs(place.weights(verdict.model)) > 0.0
+        return bool(np.any(acts & far)) and not is_loud_there(search, explanation, j)
+
+    drowning = [j for j in verdict.stated if drowns(j)]
+    if not drowning:
+        return verdict
+    worst = int(np.argmax(errs))
+    words = f"an error of motor {worst + 1} that is far above its sensor's noise, in no shape that was tried"
+    verdict = replace(verdict, unexplained=something("motor", worst + 1, words, float(errs[worst])))
+    return verdict.keeping(lambda j: j not in drowning)
+
+
 def _swinging(verdict: Verdict) -> Verdict:
     """Whether, where nothing else is said, a torque swings above the band or comes in bursts."""
     if verdict.stated:
@@ -259,6 +288,7 @@ GATES: Sequence[Callable[[Verdict], Verdict]] = (
     _shared,
     _unsized,
     _loud,
+    _drowned,
     _swinging,
     _in_common,
 )

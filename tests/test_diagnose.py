@@ -121,6 +121,18 @@ def test_unknown_physics_gets_no_name(tmp_path):
     assert place["index"] == joint or place["kind"] != "joint"
 
 
+def test_what_takes_little_of_a_motor_whose_error_no_sensor_has_gets_no_name(tmp_path):
+    """An amplifier with a dead band: offset and gain of that motor describe some of it, and have no name there."""
+    options = {"effects": 1, "bits": 14, "at_least": 50.0, "out_of_catalogue": True}
+    model, runs, unseen, truth, _ = written_trial(tmp_path, 155547814008474, **options)
+    (effect,) = truth["effects"]
+    assert effect["effect"] == "amplifier_dead_band"
+    content = diagnose(model, runs, unseen).content
+    assert content["verdict"] == "unexplained"
+    assert content["findings"] == []
+    assert content["unexplained"]["location"] == effect["location"]
+
+
 def test_a_line_above_the_band_is_said_and_placed(tmp_path):
     """A torque on joint 2 at 6.3 Hz, above the band, where nothing else is missing: `unexplained`, at that joint."""
     model, runs, unseen, _, _ = blind(tmp_path, 11, 0, positions="joint", bits=14, noise="white")
