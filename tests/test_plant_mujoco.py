@@ -10,6 +10,7 @@ import pytest
 from cdm_pin.errors import InputError, SimulationError
 from cdm_pin.manipulator import parse_manipulator
 from cdm_pin.plant.arms import draw_arm, manipulator_file
+from cdm_pin.plant.catalogue import draw_fault
 from cdm_pin.plant.faults import Fault
 from cdm_pin.plant.mjcf import Strands, compile_arm
 from cdm_pin.plant.mujoco_plant import MujocoPlant
@@ -233,3 +234,12 @@ def test_sensors_round_delay_and_add_noise():
     np.testing.assert_allclose(late["motor_torque"][4:, 1], exact["motor_torque"][:-4, 1] + 0.4, atol=1e-9)
     np.testing.assert_array_equal(late["joint_position"], exact["joint_position"])
     assert "motor_position" not in late
+
+
+def test_no_law_is_drawn_that_mujoco_cannot_carry():
+    """Of the laws of hysteresis none that remembers the tension of a cable."""
+    rng = np.random.default_rng(0)
+    forms = {
+        tension: {draw_fault("hysteresis", rng, 3, 1.0, tension).form for _ in range(60)} for tension in (False, True)
+    }
+    assert forms[True] - forms[False] == {"tension"}

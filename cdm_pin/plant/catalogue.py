@@ -124,8 +124,9 @@ FORMS: dict[str, list[Entry]] = {  # other laws of the same name
 EVERYTHING = CATALOGUE | STRANGE
 
 
-def draw_fault(name: str, rng: np.random.Generator, n: int, scale: float) -> Fault:
-    """Draw the fault `name`; of several laws of that name, one."""
+def draw_fault(name: str, rng: np.random.Generator, n: int, scale: float, tension: bool = True) -> Fault:
+    """Draw the fault `name`; of several laws of that name, one, with memory of a cable's tension if that is allowed."""
     entries = [EVERYTHING[name], *FORMS.get(name, [])]
+    entries = [entry for entry in entries if tension or entry.form != "tension"]
     entry = entries[int(rng.integers(len(entries)))]
     return entry.draw(name, rng, n, scale, in_catalogue=name in CATALOGUE)

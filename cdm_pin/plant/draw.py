@@ -207,7 +207,7 @@ def _draw(
         return oracle.scene, [oracle.visibility(k) for k in range(len(faults))]
 
     for _ in range(20):
-        faults = [fault.scaled(factor) for fault in _faults(rng, names, n, scale, arm)]
+        faults = [fault.scaled(factor) for fault in _faults(rng, names, n, scale, arm, plant)]
         scene, seen = shown(faults)
         told = [s for s, f in zip(seen, faults, strict=True) if not _in_rigid_body(f, n, sensors.positions)]
         if all(s["visibility"] >= at_least for s in told):
@@ -297,11 +297,12 @@ def _names(rng, effects, n, table, positions) -> list[str]:
 _PATHS = ("transmission_ratio_error", "pulley_eccentricity", "transmission_coupling", "backlash")
 
 
-def _faults(rng, names, n, scale, arm) -> list[Fault]:
+def _faults(rng, names, n, scale, arm, plant) -> list[Fault]:
     """Draw the faults by name; amplitudes drawn for joints are made those of motors where a motor is the place."""
+    tension = plant == "absolute"  # no other has cables that remember theirs
     faults: list[Fault] = []
     for name in names:
-        fault = draw_fault(name, rng, n, scale)
+        fault = draw_fault(name, rng, n, scale, tension)
         if name == "cable_slack":
             beyond = slice(fault.location["index"] - 1, None)
             carried = 9.81 * float(arm.mass[beyond] @ arm.length[beyond]) / 2.0
