@@ -58,7 +58,8 @@ def blind_trial(folder: Path, seed: int) -> None:
     diagnosis = json.loads((out / "diagnosis.json").read_text())
     for effect in truth["effects"]:
         place = describe(effect["location"])
-        SAY(f"\nThe seal is open: {effect['effect']} at {place}, {effect['parameters']}")
+        sizes = ", ".join(f"{name} {value:.4g}" for name, value in effect["parameters"].items())
+        SAY(f"\nThe seal is open: {effect['effect']} at {place}, {sizes}")
     result = score(truth, diagnosis)
     false = f", false: {', '.join(result.false_findings)}" if result.false_findings else ", nothing false beside it"
     SAY(f"Met: {', '.join(result.meetings)}{false}. The evidence: {out / 'report.html'}")
@@ -148,7 +149,10 @@ def main() -> None:
     paper_arm(folder)
     data = data_folder()
     if data is None:
-        SAY("\n3. No public recordings found (CDM_PIN_DATA, ./data, ../shared/data): the real arm is left out.")
+        SAY(
+            "\n3. No public recordings found (CDM_PIN_DATA, ./data, ../shared/data): the real arm is left out. "
+            "scripts/get_data.py brings them."
+        )
     else:
         real_arm(folder, data)
     SAY(f"\nEverything written is in {folder}.")
