@@ -23,9 +23,10 @@ from .leaders import POSTURE
 from .likelihood import evidence, likeliest
 from .model import CableModel
 from .motion import Motion
-from .parts import Part
+from .parts import Part, parts_of
 from .patches import MISREAD
 from .places import kinds_of, parallel
+from .recent import kept
 from .search import Search, rms
 from .shapes import refine, shape_slopes
 from .units import unit_at
@@ -35,8 +36,9 @@ from .whitening import log_p
 Location = dict[str, Any]
 
 
-def _all_columns(search: Search, fit: Fit) -> tuple[Vector, list[list[list[Vector]]]]:
-    """Whiten the columns of base parameters, coefficients and shapes; give the derivatives by the shapes, too."""
+@kept
+def _all_columns(search: Search, fit: Fit) -> tuple[list[Vector], list[list[list[Vector]]]]:
+    """Give the columns of base parameters, coefficients and shapes per run; the derivatives by the shapes, too."""
     own = [search.columns(c) for c in fit.effects]
     slopes = [shape_slopes(search, c, b) for c, b in zip(fit.effects, fit.beta, strict=True)]
     banks = []
@@ -45,7 +47,7 @@ def _all_columns(search: Search, fit: Fit) -> tuple[Vector, list[list[list[Vecto
         for columns, slope in zip(own, slopes, strict=True):
             parts += [columns[r], *[s[r] for s in slope]]
         banks.append(np.concatenate(parts))
-    return search.white(fit.whitener, banks), slopes
+    return banks, slopes
 
 
 def joint_covariance(search: Search, fit: Fit) -> tuple[Vector, list[slice], list[slice]]:
@@ -57,8 +59,8 @@ def joint_covariance(search: Search, fit: Fit) -> tuple[Vector, list[slice], lis
     beta, shape : list of slice
         Where each effect's coefficients and shape stand.
     """
-    W, slopes = _all_columns(search, fit)
-    covariance = _covariance(W)
+    banks, slopes = _all_columns(search, fit)
+    covariance = _covariance(search.white(fit.whitener, banks))
     start, betas, shapes = search.n_rigid, [], []
     for slope, b in zip(slopes, fit.beta, strict=True):
         betas.append(slice(start, start + len(b)))
@@ -75,13 +77,15 @@ def _covariance(W: Vector) -> Vector:
     return np.linalg.pinv(information, rcond=1e-9, hermitian=True) / scale[:, None] / scale
 
 
-def unseen_step(judge: Search, fit: Fit) -> tuple[Vector, Vector]:
+def unseen_step(judge: Search, fit: Fit, seen: Search | None = None) -> tuple[Vector, Vector]:
     """Give by how much unseen recordings alone would change all parameters of a fit, and with what covariance.
 
-    One Gauss-Newton step, beside drifting zeros; parameters stand as in `joint_covariance`.
+    One Gauss-Newton step, beside drifting zeros; parameters stand as in `joint_covariance`. If they are rows of
+    recordings that a search has `seen`, its columns are theirs.
     """
-    drifts, rest = (judge.white(fit.whitener, series) for series in (own_drifts(judge), stacked(judge, fit)))
-    W, rest = beside(drifts, _all_columns(judge, fit)[0], rest[0])
+    banks = _all_columns(seen or judge, fit)[0]
+    W, drifts, rest = (judge.white(fit.whitener, x) for x in (banks, own_drifts(judge), stacked(judge, fit)))
+    W, rest = beside(drifts, W, rest[0])
     covariance = _covariance(W)
     return covariance @ (W @ rest), covariance
 
@@ -111,11 +115,11 @@ def unseen_shift(judge: Search, fit: Fit, covariance: Vector) -> tuple[Vector, V
     return shift, chance
 
 
-def apart(parts: Sequence[Part], fit: Fit) -> list[tuple[Part, Vector, Vector]]:
+def shifts_apart(search: Search, fit: Fit) -> list[tuple[Part, Vector, Vector]]:
     """Give by how far from all others each part of the recordings sees all parameters, and with what covariance."""
     out = []
-    for part in parts:
-        (own, chance), (rest, other) = (unseen_step(search, fit) for search in (part.own, part.others))
+    for part in parts_of(search):
+        (own, chance), (rest, other) = (unseen_step(rows, fit, search) for rows in (part.own, part.others))
         out.append((part, own - rest, chance + other))
     return out
 
@@ -200,7 +204,7 @@ def stiffening(search: Search, fit: Fit, j: int, covariance: Vector) -> Vector:
 
     It may be as large as the linear term at the end of the range, less as far as the data see it.
     """
-    W = _all_columns(search, fit)[0]
+    W = search.white(fit.whitener, _all_columns(search, fit)[0])
     candidate, beta = fit.effects[j], fit.beta[j]
     rest = beta[1] / beta[0]
 

@@ -31,7 +31,6 @@ DECIDED = 10.0
 """Log-likelihood by which the unseen recordings decide between two laws."""
 CLOSE = 2.0
 """Whitened sum of squares on unseen recordings, per sample, up to which a finer law may be told by them."""
-
 CONTRADICTED = 1.0
 """Sum of squares by which parts of the recordings are less likely with a finding that the others make."""
 

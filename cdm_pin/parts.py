@@ -10,7 +10,6 @@ import numpy as np
 from .drifting import still_errors
 from .fit import Fit
 from .geometry import Vector
-from .problem import Problem, Run
 from .recent import kept
 from .search import Search, rms
 from .unseen import deviance_unseen
@@ -55,14 +54,9 @@ def _quarters(valid: np.ndarray) -> np.ndarray:
 
 
 def _seeing(search: Search, masks: Sequence[np.ndarray]) -> Search:
-    return search.seeing(_masked(search.problem, masks))
-
-
-def _masked(problem: Problem, masks: Sequence[np.ndarray]) -> Problem:
-    def masked(run: Run, mask: np.ndarray) -> Run:
-        return replace(run, signals=replace(run.signals, valid=run.signals.valid & mask))
-
-    return replace(problem, runs=tuple(masked(run, mask) for run, mask in zip(problem.runs, masks, strict=True)))
+    pairs = zip(search.problem.runs, masks, strict=True)
+    runs = [replace(run, signals=replace(run.signals, valid=run.signals.valid & mask)) for run, mask in pairs]
+    return search.seeing(replace(search.problem, runs=tuple(runs)))
 
 
 def deviance_apart(parts: Sequence[Part], fit: Fit) -> float:
@@ -78,7 +72,7 @@ def reduction_apart(parts: Sequence[Part], fit: Fit, without: Fit) -> float | No
     if not parts:
         return None
     after, before = (_squares(parts, f) for f in (fit, without))
-    return 1.0 - float(np.sqrt(np.mean(before / np.maximum(after, 1e-24)) ** -1))
+    return 1.0 - float(1.0 / np.sqrt(np.mean(before / np.maximum(after, 1e-24))))
 
 
 def _squares(parts: Sequence[Part], fit: Fit) -> Vector:

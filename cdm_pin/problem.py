@@ -337,7 +337,7 @@ def make_problem(
         ready = [prepare(recording, model, rate=rate, cutoff=band.cutoff, grid=grid) for recording, grid in logs]
         thin = _thinned(band)
         runs = [_run(model, s, band, torque, kinematic, i) for i, s in enumerate(ready, first)]
-        runs = [_without_means(_thinned_run(run, thin)) for run in runs]
+        runs = [_without_means(_thinned_run(run, thin), thin) for run in runs]
         sensors = SensorNoise(model, tuple(ready), band)
         return Problem(model, tuple(run.with_model(model) for run in runs), thin, torque, kinematic, sensors)
 
@@ -518,17 +518,16 @@ def _run(model: CableModel, signals: Signals, band: Band, torque: bool, kinemati
     run = Run(signals, motion, np.concatenate([*channels, np.zeros((motion.n, 0))], axis=1).T)
     if not kinematic:
         return run
-    shares = band.shares(motion.n, band.segments(signals.valid))
-    run = replace(run, sure=_sure_of_mean(model, signals), shares=shares)
     left = (_dithered(travel, signals, model) * model.arm_scale - stated).T
-    return replace(run, data=np.concatenate([run.data, left]))
+    return replace(run, sure=_sure_of_mean(model, signals), data=np.concatenate([run.data, left]))
 
 
-def _without_means(run: Run) -> Run:
+def _without_means(run: Run, band: Band) -> Run:
     """Take from the travels of a run what rounding may have made of their means, at the rate at which columns are."""
     if run.sure is None:
         return run
     m = len(run.sure)
+    run = replace(run, shares=band.shares(run.motion.n, band.segments(run.signals.valid)))
     return replace(run, data=np.concatenate([run.data[:-m], run.without_mean(run.data[-m:])]))
 
 
@@ -562,5 +561,4 @@ def _thinned_run(run: Run, band: Band) -> Run:
     if motion.felt is not None:
         felt = replace(motion.felt, torque=slow(motion.felt.torque), position=slow(motion.felt.position))
         motion = replace(motion, felt=replace(felt, valid=fewer.valid, rate=band.rate))
-    shares = None if run.shares is None else band.shares(motion.n, band.segments(fewer.valid))
-    return replace(run, signals=fewer, motion=motion, data=slow(run.data.T).T, shares=shares)
+    return replace(run, signals=fewer, motion=motion, data=slow(run.data.T).T)

@@ -194,6 +194,11 @@ def describe(location: Mapping[str, Any]) -> str:
     return " ".join([kind, *(f"{word}{location[key]}" for key, word in words.items() if key in location)])
 
 
+def describe_sizes(parameters: Mapping[str, Any]) -> str:
+    """Say parameters that are numbers in a few words: ``"coulomb 0.31, stribeck 0.2"``."""
+    return ", ".join(f"{name} {value:.4g}" for name, value in parameters.items() if isinstance(value, int | float))
+
+
 def in_rigid_body(effect: Mapping[str, Any], n: int, positions: str) -> bool:
     """Tell whether an effect lies in the span of the base parameters: it then stands under ``rigid_body``."""
     name = effect["effect"]

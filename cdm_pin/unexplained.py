@@ -229,7 +229,7 @@ def beyond_samples(search: Search, judge: Search | None, fit: Fit) -> Vector:
     sizes, m = [], search.problem.model.n_motors
     if not search.problem.torque or not any(search.problem.segments) or m < 2:
         return np.zeros(m)
-    for there in [search] if judge is None or not any(judge.problem.segments) else [search, judge]:
+    for there in _searches(search, judge):
         size, laws = rms(there, still_errors(there, fit))[:m], np.hypot(_least(there), _accuracy(there, fit))[:m]
         colour = size / np.maximum(there.problem.sensors.sampled, 1e-300)
         others = np.array([np.median(np.delete(colour, i)) for i in range(m)])
@@ -263,6 +263,11 @@ def beyond_training(search: Search, judge: Search, fit: Fit, limit: float = 4.0)
         place = _place_of(np.concatenate(_inside(rest, judge.problem), axis=1), model)
     words = f"in unseen recordings alone, whose error is {size[worst] / floor[worst]:.1f} times the noise"
     return something(place["kind"], place["index"], words, float(size[worst]))
+
+
+def _searches(search: Search, judge: Search | None) -> list[Search]:
+    """Give the searches on the training and, where some of their rows count, on the unseen recordings."""
+    return [search] if judge is None or not any(judge.problem.segments) else [search, judge]
 
 
 def _least(search: Search) -> Vector:
@@ -323,8 +328,8 @@ def shared_torque(search: Search, judge: Search | None, fit: Fit) -> dict[str, A
         return None
     before = left_over(search, (), smooth=False)[1].rms[:m]
     least = ERRING * np.hypot(_least(search), _accuracy(search, fit))[:m]
-    both = [search] if judge is None or not any(judge.problem.segments) else [search, judge]
-    torques = [np.concatenate(_inside(still_errors(there, fit), there.problem), axis=1) for there in both]
+    both = [_inside(still_errors(there, fit), there.problem) for there in _searches(search, judge)]
+    torques = [np.concatenate(parts, axis=1) for parts in both]
     directions = []
     for torque in torques:
         size = np.sqrt(np.mean(torque**2, axis=1))
@@ -408,9 +413,8 @@ def bursting_torque(search: Search, judge: Search | None, fit: Fit) -> dict[str,
     """
     if not search.problem.torque:
         return None
-    ratio, size = _bursts(search, fit)
-    if judge is not None and any(judge.problem.segments):
-        ratio = np.minimum(ratio, _bursts(judge, fit)[0])
+    ratios, sizes = zip(*(_bursts(there, fit) for there in _searches(search, judge)), strict=True)
+    ratio, size = np.min(ratios, axis=0), sizes[0]
     worst = int(np.argmax(ratio))
     if ratio[worst] < BURSTS:
         return None

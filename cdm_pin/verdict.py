@@ -15,7 +15,7 @@ from .explanation import Explanation, Found
 from .fit import Fit
 from .geometry import Vector
 from .model import CableModel
-from .parts import Part, parts_of
+from .parts import Part
 from .search import Search
 from .unexplained import (
     at_corrections,
@@ -248,14 +248,13 @@ def _drowned(verdict: Verdict) -> Verdict:
         return verdict
     search, explanation, candidates = verdict.search, verdict.explanation, verdict.fit.effects
     errs = beyond_samples(search, verdict.judge, verdict.fit)
-    far = errs > 0.0
 
     def drowns(j: int) -> bool:
         place = candidates[j].place
         if candidates[j].effect.name in ONCE or not place.A + place.B:
             return False
-        acts = np.abs(place.weights(verdict.model)) > 0.0
-        return bool(np.any(acts & far)) and not is_loud_there(search, explanation, j)
+        there = np.abs(place.weights(verdict.model)) @ errs > 0.0
+        return bool(there) and not is_loud_there(search, explanation, j)
 
     drowning = [j for j in verdict.stated if drowns(j)]
     if not drowning:
@@ -336,7 +335,7 @@ def _agreed(verdict: Verdict) -> Verdict:
 def _changing_parts(verdict: Verdict, told: Mapping[int, Values], lasting: Sequence[int]) -> list[int]:
     """List the findings whose laws have another size in one part of the recordings than in all others."""
     fit, where = verdict.fit, verdict.where
-    seen = fi.apart(parts_of(verdict.search), fit) if lasting else []
+    seen = fi.shifts_apart(verdict.search, fit) if lasting else []
 
     def changes(j: int, part: Part, step: Vector, chance: Vector) -> bool:
         own = step[where[j]], chance[np.ix_(where[j], where[j])]

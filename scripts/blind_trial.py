@@ -31,7 +31,7 @@ from cdm_pin.errors import CdmError, InputError
 from cdm_pin.files import write_text
 from cdm_pin.plant.draw import draw
 from cdm_pin.plant.oracle import Oracle
-from cdm_pin.scoring import Score, describe, score
+from cdm_pin.scoring import Score, describe, describe_sizes, score
 from cdm_pin.wording import sentence
 
 SAY = output().print
@@ -105,7 +105,7 @@ def tell(truth: dict[str, Any], result: Score) -> None:
         [
             effect["effect"],
             describe(effect["location"]),
-            ", ".join(f"{k} {v:.4g}" for k, v in effect["parameters"].items() if isinstance(v, int | float)),
+            describe_sizes(effect["parameters"]),
             effect["visibility"],
             meetings.get(id(effect), "no name to give"),
         ]

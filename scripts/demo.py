@@ -24,7 +24,7 @@ from cdm_pin.manipulator import load_manipulator
 from cdm_pin.model import build_model, load_model
 from cdm_pin.plant.draw import draw
 from cdm_pin.recording import Recording, load_recording, save_recording
-from cdm_pin.scoring import describe, score
+from cdm_pin.scoring import describe, describe_sizes, score
 from cdm_pin.torques import recorded_torques, rms
 from cdm_pin.urdf import generate_urdf
 from cdm_pin.urdf_check import urdf_deviation
@@ -57,8 +57,7 @@ def blind_trial(folder: Path, seed: int) -> None:
     truth = json.loads(files["truth"].read_text())
     diagnosis = json.loads((out / "diagnosis.json").read_text())
     for effect in truth["effects"]:
-        place = describe(effect["location"])
-        sizes = ", ".join(f"{name} {value:.4g}" for name, value in effect["parameters"].items())
+        place, sizes = describe(effect["location"]), describe_sizes(effect["parameters"])
         SAY(f"\nThe seal is open: {effect['effect']} at {place}, {sizes}")
     result = score(truth, diagnosis)
     false = f", false: {', '.join(result.false_findings)}" if result.false_findings else ", nothing false beside it"

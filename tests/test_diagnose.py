@@ -4,8 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from scipy.signal import savgol_filter
-from trials import written_trial
+from trials import rubbed, written_trial
 
 from cdm_pin.band import make_band
 from cdm_pin.cli import main
@@ -155,12 +154,11 @@ def test_drag_that_drifts_with_dry_friction_is_one_effect(tmp_path, joint):
     Motor 1 alone drives joint 1: it is the same for any motion, and no experiment is asked for to tell the two apart.
     """
     model, runs, unseen, _, _ = blind(tmp_path, 11, 0, positions="joint", bits=17, noise="white")
-    warmed = []
-    for run in (*runs, *unseen):
-        v = np.gradient(savgol_filter(run.channels["joint_position"][:, joint - 1], 31, 3), run.time)
-        friction = (0.2 * np.tanh(v / 0.02) + 0.3 * v) * (1.0 + 0.9 * np.exp(-(run.time - run.time[0]) / 8.0))
-        torque = {"motor_torque": run.channels["motor_torque"] + friction[:, None] * model.joint_from_motor[joint - 1]}
-        warmed.append(Recording(run.time, run.channels | torque, label=run.label))
+
+    def warming(t, v):
+        return (0.2 * np.tanh(v / 0.02) + 0.3 * v) * (1.0 + 0.9 * np.exp(-t / 8.0))
+
+    warmed = [rubbed(model, run, joint, warming) for run in (*runs, *unseen)]
     content = diagnose(model, warmed[:-1], warmed[-1:]).content
     (finding,) = content["findings"]
     assert (finding["effect"], finding["location"]) == ("friction_drift", {"kind": "joint", "index": joint})

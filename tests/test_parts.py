@@ -2,14 +2,11 @@
 
 from itertools import pairwise
 
-import numpy as np
 import pytest
-from scipy.signal import savgol_filter
-from trials import search_of, written_trial
+from trials import rubbed, search_of, written_trial
 
 from cdm_pin.diagnose import diagnose
 from cdm_pin.parts import parts_of
-from cdm_pin.recording import Recording
 
 
 @pytest.fixture(scope="module")
@@ -21,17 +18,10 @@ def clean(tmp_path_factory):
     return model, [*runs, *unseen]
 
 
-def dragged(model, run, drag):
-    """Add drag to joint 2, whose coefficient [N m s/rad] is a function of time."""
-    v = np.gradient(savgol_filter(run.channels["joint_position"][:, 1], 31, 3), run.time)
-    torque = (drag(run.time - run.time[0]) * v)[:, None] * model.joint_from_motor[1]
-    return Recording(run.time, run.channels | {"motor_torque": run.channels["motor_torque"] + torque}, label=run.label)
-
-
 def test_one_recording_confirms_itself_part_by_part(clean):
     """A law that holds throughout is named, with the error that it takes from parts fitted without them."""
     model, runs = clean
-    content = diagnose(model, [dragged(model, runs[0], lambda t: 0.4 + 0.0 * t)]).content
+    content = diagnose(model, [rubbed(model, runs[0], 2, lambda t, v: 0.4 * v)]).content
     (finding,) = content["findings"]
     assert (finding["effect"], finding["location"]) == ("viscous_friction", {"kind": "joint", "index": 2})
     assert finding["unconfirmed"]
@@ -42,8 +32,8 @@ def test_one_recording_confirms_itself_part_by_part(clean):
 def test_a_law_that_changes_from_one_recording_to_the_next_has_no_name(clean):
     """Drag of joint 2 that is 0.4 N m s/rad in one recording and 0.6 in the other; nor has anything on it."""
     model, runs = clean
-    weak = dragged(model, runs[0], lambda t: 0.4 + 0.0 * t)
-    strong = dragged(model, runs[1], lambda t: 0.6 + 0.0 * t)
+    weak = rubbed(model, runs[0], 2, lambda t, v: 0.4 * v)
+    strong = rubbed(model, runs[1], 2, lambda t, v: 0.6 * v)
     content = diagnose(model, [weak, strong]).content
     assert content["verdict"] == "unexplained"
     assert content["findings"] == []
@@ -53,7 +43,7 @@ def test_a_law_that_changes_from_one_recording_to_the_next_has_no_name(clean):
 def test_a_law_that_changes_while_it_is_recorded_has_no_name(clean):
     """Drag of joint 2 that grows by half in 40 s."""
     model, runs = clean
-    content = diagnose(model, [dragged(model, runs[0], lambda t: 0.4 + 0.006 * t)]).content
+    content = diagnose(model, [rubbed(model, runs[0], 2, lambda t, v: (0.4 + 0.006 * t) * v)]).content
     assert content["verdict"] == "unexplained"
     assert content["findings"] == []
     assert content["unexplained"]["location"] == {"kind": "joint", "index": 2}

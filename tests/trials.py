@@ -1,10 +1,13 @@
 """Trials of the plant, written to files and read again as a user would."""
 
+import numpy as np
+from scipy.signal import savgol_filter
+
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.model import load_model
 from cdm_pin.plant.draw import draw
 from cdm_pin.problem import make_problem
-from cdm_pin.recording import load_recording
+from cdm_pin.recording import Recording, load_recording
 from cdm_pin.search import Search
 from cdm_pin.settings import Settings
 
@@ -20,6 +23,13 @@ def written_trial(folder, seed, **options):
 
 def loaded_trial(folder, seed, **options):
     return written_trial(folder, seed, **options)[:4]
+
+
+def rubbed(model, run, joint, friction):
+    """Add to the torques of a recording friction of a joint, a function of time and velocity."""
+    v = np.gradient(savgol_filter(run.channels["joint_position"][:, joint - 1], 31, 3), run.time)
+    torque = friction(run.time - run.time[0], v)[:, None] * model.joint_from_motor[joint - 1]
+    return Recording(run.time, run.channels | {"motor_torque": run.channels["motor_torque"] + torque}, label=run.label)
 
 
 def search_of(model, recording, band=None):
