@@ -308,6 +308,10 @@ LISTED = 5.0
 """Difference of log-likelihood below which a rival is listed: noise spectra are estimates, small sums lean on them."""
 DOUBTED = 0.25
 """Share of an effect's statistic by which a rival may be less likely, up to which errors of other laws may hide it."""
+ALIKE = 0.7
+"""Cosine of what two effects explain from which on they explain the same error."""
+OF_STIFFNESS = ("cable_elasticity", "cable_slack")
+"""Effects whose amplitude is what a soft cable holds, not how much it gives."""
 HIDDEN = 0.3
 """Share that is left over of an effect of which it is said what takes the rest."""
 TRIFLE = 0.05
@@ -533,13 +537,16 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
 def between_errors_of_laws(search: Search, without: Fit, own: Candidate, rival: Candidate) -> float:
     """Bound by how much log-likelihood errors of the laws in a fit may set one effect before another in its place.
 
-    They may take any sign at any sample, as in `from_errors_of_laws`, where what the two explain differs.
+    They may take any sign at any sample, as in `from_errors_of_laws`, where what the two explain differs. Two that
+    explain unlike parts of an error are no rivals, however much either explains.
     """
     if not without.effects:
         return 0.0
     rows = [search.white(without.whitener, search.columns(c)) for c in (own, rival)]
-    parts = [search.score(without, c).beta @ without.rest(W) for c, W in zip((own, rival), rows, strict=True)]
-    return float(np.abs(parts[0] - parts[1]) @ errors_of_laws(search, without))
+    a, b = (search.score(without, c).beta @ without.rest(W) for c, W in zip((own, rival), rows, strict=True))
+    if a @ b < ALIKE * np.linalg.norm(a) * np.linalg.norm(b):
+        return 0.0
+    return float(np.abs(a - b) @ errors_of_laws(search, without))
 
 
 def is_plainer(search: Search, without: Fit, own: Candidate, rival: Candidate) -> bool:
@@ -625,10 +632,12 @@ def threshold(alarm: float, weight: float, k: int) -> float:
 def sensitivities(search: Search, explanation: Explanation) -> list[dict[str, Any]]:
     """For every effect and place, the smallest amplitude that these data would have shown.
 
-    90 % power at the family-wise alarm probability of the search; `visible_fraction` is the share of the effect that
-    the rigid body and the findings leave over, `absorbed_by` the parameters that take the rest where it is small.
+    90 % power at the family-wise alarm probability of the search, and no less than what encoders that round make of
+    nothing. Where an effect may take several shapes (order of a ripple, time of a push), half of them would have been
+    seen at this amplitude. `visible_fraction` is the share of the effect that the rigid body and the findings leave
+    over, `absorbed_by` the parameters that take the rest where it is small.
     """
-    rows: dict[tuple[str, str], dict[str, Any]] = {}
+    rows: dict[tuple[str, str], list[dict[str, Any]]] = {}
     bank = explanation.bank.laws
     accepted = {f.candidate.key for f in explanation.found}
     for candidate, score, weight in zip(bank.candidates, explanation.scores, bank.weight, strict=True):
@@ -637,7 +646,7 @@ def sensitivities(search: Search, explanation: Explanation) -> list[dict[str, An
             continue
         k = max(score.k, 1)
         z = np.sqrt(threshold(search.settings.alarm, weight, k)) + 1.2816
-        beta = z / score.norm if score.norm > 0 else np.inf
+        beta = max(z / score.norm, _rounded(search, candidate)) if score.norm > 0 else np.inf
         visible, first = score.visible if np.isfinite(score.visible) else 0.0, candidate.effect.size
         row = {
             "effect": candidate.effect.name,
@@ -650,10 +659,24 @@ def sensitivities(search: Search, explanation: Explanation) -> list[dict[str, An
         }
         if visible <= HIDDEN and candidate.key not in rows:
             row["absorbed_by"] = _absorbing(search, explanation.fit, candidate, HIDDEN)
-        old = rows.get(candidate.key)
-        if old is None or (row["amplitude"] or np.inf) < (old["amplitude"] or np.inf):
-            rows[candidate.key] = row | {"absorbed_by": row["absorbed_by"] or (old or row)["absorbed_by"]}
-    return list(rows.values())
+        rows.setdefault(candidate.key, []).append(row)
+    out = []
+    for shapes in rows.values():
+        by_size = sorted((row for row in shapes if row["amplitude"]), key=lambda row: row["amplitude"]) or shapes
+        middle = by_size[0 if by_size[0]["effect"] in OF_STIFFNESS else (len(by_size) - 1) // 2]
+        out.append(middle | {"absorbed_by": next((x for row in shapes if (x := row["absorbed_by"])), [])})
+    return out
+
+
+def _rounded(search: Search, candidate: Candidate) -> float:
+    """Give the coefficient up to which an effect is no more than encoders that round may make (`is_above_steps`)."""
+    name, problem = candidate.effect.name, search.problem
+    if name in MAPS and problem.kinematic:
+        travel = rms(search, [x[0] for x in search.columns(candidate)])[-problem.model.n_motors :]
+        return float(ROUNDS * problem.steps_at(candidate.place.index[-1]) / max(travel.max(), 1e-300))
+    if name not in ROUNDED or (name == "backlash" and problem.kinematic):
+        return 0.0
+    return float(0.5 * problem.steps_at(candidate.place.index[0]))
 
 
 def _amplitude(candidate: Candidate, beta: float) -> float | None:

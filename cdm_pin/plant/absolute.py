@@ -195,8 +195,10 @@ def _extrapolate(z, z_old, part, out):
 
 
 @njit(cache=True)
-def closed_loop(arm, laws, model, servo, reference, dt, substeps, N):
+def closed_loop(arm, laws, model, servo, reference, dt, substeps, N, lead=0):
     """Integrate the rigid-cable arm under its servo; returns absolute angles, rates, accelerations, each (N, n).
+
+    It moves for `lead` samples before time 0, the first that is returned, so that how it starts has died away.
 
     Hysteresis states move on between Runge-Kutta steps and are extrapolated inside one. Path errors are left to
     `motor_torques`: a servo can hold any motion.
@@ -209,7 +211,7 @@ def closed_loop(arm, laws, model, servo, reference, dt, substeps, N):
     state, stage, slope, rise = np.zeros((2, n)), np.zeros((2, n)), np.zeros((2, n)), np.zeros((2, n))
     desired = np.empty((3, n))
     M, h, u, Q, feed = np.empty((n, n)), np.empty(n), np.empty(n), np.zeros(n), np.empty(n)
-    _plan(servo, model, Dm, sxm, sym, reference, 0.0, desired, M, h, feed)
+    _plan(servo, model, Dm, sxm, sym, reference, -lead * dt, desired, M, h, feed)
     state[:] = desired[:2]
     theta, rate, rate0, motor, v_m, q_m = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     tau, cable, f_joint, f_motor, reaction = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
@@ -218,8 +220,8 @@ def closed_loop(arm, laws, model, servo, reference, dt, substeps, N):
     z_old, z_stage = z.copy(), z.copy()
     relative(state[1], rate0)
     step = dt / substeps
-    for k in range(N * substeps):
-        t = k * step
+    for k in range((N + lead) * substeps):
+        t = k * step - lead * dt
         rise[:] = 0.0
         for r in range(4):
             part = 0.0 if r == 0 else (1.0 if r == 3 else 0.5)
@@ -241,8 +243,9 @@ def closed_loop(arm, laws, model, servo, reference, dt, substeps, N):
             slope[0], slope[1] = stage[1], u
             _shift(rise, slope, 1.0 if r == 0 or r == 3 else 2.0, rise)
             if r == 0:
-                if k % substeps == 0:
-                    out[0, k // substeps], out[1, k // substeps], out[2, k // substeps] = state[0], state[1], u
+                row = k // substeps - lead
+                if k % substeps == 0 and row >= 0:
+                    out[0, row], out[1, row], out[2, row] = state[0], state[1], u
                 mass_and_bias(stage[0], stage[1], arm.length, D, sx, sy, arm.gravity, M, h)
                 Q[:] = M @ u + h  # what laws with load see until the next step
                 joint_torques(Q, tau)
@@ -262,10 +265,10 @@ def closed_loop(arm, laws, model, servo, reference, dt, substeps, N):
 
 
 @njit(cache=True)
-def compliant_loop(arm, laws, cables, model, servo, reference, dt, substeps, N):
+def compliant_loop(arm, laws, cables, model, servo, reference, dt, substeps, N, lead=0):
     """Integrate links and motors apart, joined by elastic cables; the servo sees the motors.
 
-    A cable of infinite stiffness ties its motor to its link by the nominal map.
+    A cable of infinite stiffness ties its motor to its link by the nominal map. `lead` is as in `closed_loop`.
 
     Returns
     -------
@@ -284,7 +287,7 @@ def compliant_loop(arm, laws, cables, model, servo, reference, dt, substeps, N):
     state, stage, slope, rise = np.zeros((4, n)), np.zeros((4, n)), np.zeros((4, n)), np.zeros((4, n))
     desired = np.empty((3, n))
     M, P, h, u, feed = np.empty((n, n)), np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n)
-    _plan(servo, model, Dm, sxm, sym, reference, 0.0, desired, M, h, feed)
+    _plan(servo, model, Dm, sxm, sym, reference, -lead * dt, desired, M, h, feed)
     state[:2] = desired[:2]
     theta, rate, rate0, zero = np.empty(n), np.empty(n), np.empty(n), np.zeros(n)
     psi, dpsi, ddpsi, v0 = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
@@ -305,8 +308,8 @@ def compliant_loop(arm, laws, cables, model, servo, reference, dt, substeps, N):
         state[3, i] = dpsi[i] / arm.ratio
     v0[:] = state[3]
     step = dt / substeps
-    for k in range(N * substeps):
-        t = k * step
+    for k in range((N + lead) * substeps):
+        t = k * step - lead * dt
         rise[:] = 0.0
         for r in range(4):
             part = 0.0 if r == 0 else (1.0 if r == 3 else 0.5)
@@ -344,8 +347,8 @@ def compliant_loop(arm, laws, cables, model, servo, reference, dt, substeps, N):
                     C[i] -= tied[i] * slope[1, i]
             _shift(rise, slope, 1.0 if r == 0 or r == 3 else 2.0, rise)
             if r == 0:
-                if k % substeps == 0:
-                    row = k // substeps
+                row = k // substeps - lead
+                if k % substeps == 0 and row >= 0:
                     out[0, row], out[1, row], out[2, row] = state[0], state[1], slope[1]
                     out[3, row], out[4, row], out[5, row] = arm.ratio * u, state[2], C
                 hinge_reactions(arm, stage[0], stage[1], slope[1], C, reaction)

@@ -16,6 +16,7 @@ from .planar import Arm, lumped, mass_and_bias
 from .sensing import Motion
 
 FINE_STEP = 5e-4  # [s] of the grid on which motions are known
+LEAD = 2.0  # [s] that a loop has run before it is logged, so that nothing of how it starts is left
 
 
 def altered(arm: Arm, faults: Sequence[Fault]) -> tuple[Arm, Cables]:
@@ -95,17 +96,17 @@ def simulate_run(
     """
     true, cables = altered(arm, faults)
     laws = compile_laws(faults, true.ratio, true.length.size)
-    N = round((duration + 0.1) / FINE_STEP) + 1
+    N, lead = round((duration + 0.1) / FINE_STEP) + 1, round(LEAD / FINE_STEP)
     phi, w, a = prescribed(reference, FINE_STEP, N)
     elastic = np.isfinite(cables.stiffness)
     if servo is not None:
         eased, steps = _integrable(true, laws, cables, phi)
         if elastic.any() and steps <= STIFF:
-            run = compliant_loop(true, eased, cables, model, servo, reference, FINE_STEP, steps, N)
+            run = compliant_loop(true, eased, cables, model, servo, reference, FINE_STEP, steps, N, lead)
             return _checked(Motion(*run, FINE_STEP))
         if elastic.any():
             eased, steps = _integrable(true, laws, ideal_cables(len(elastic)), phi)
-        phi, w, a = closed_loop(true, eased, model, servo, reference, FINE_STEP, min(steps, STIFF), N)
+        phi, w, a = closed_loop(true, eased, model, servo, reference, FINE_STEP, min(steps, STIFF), N, lead)
     tau_m, q_m, C = motor_torques(true, laws, cables, phi, w, a, FINE_STEP)
     q_m[:, elastic] += stretched(cables, C, FINE_STEP)[:, elastic] / true.ratio
     return _checked(Motion(phi, w, a, tau_m, q_m, C, FINE_STEP))
