@@ -13,7 +13,7 @@ from .everywhere import everything, rubs_everywhere
 from .explanation import Explanation, explained
 from .growing import adjusted, grow
 from .leftover import clear_noise, tones
-from .patching import beside_looser, has_a_name, patch, renamed, unpatched
+from .patching import beside_looser, has_a_name, outdone, patch, renamed, unpatched
 from .plainness import peaked, peakless, placed, plainer, repelled, simplest
 from .polishing import all_late
 from .pruning import coupled, prune, pruned, warmed
@@ -91,6 +91,7 @@ def explain(
         if len(more) > len(accepted):
             search, accepted = settled(there, prune(there, more))
     search, accepted = unpatched(search, bank, accepted)
+    accepted = outdone(search, search.renewed(bank), accepted)
     explanation = plainer(renamed(explained(search, search.renewed(bank), accepted)))
     explanation = repelled(coupled(pruned(warmed(peakless(peaked(simplest(placed(explanation))))))))
     say.looked(explanation.fit)

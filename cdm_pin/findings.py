@@ -302,6 +302,8 @@ EQUAL = 0.9999
 """Canonical correlation of dry friction with what is dry friction on these data."""
 ROUNDED = ("encoder_offset", "backlash")
 """What encoders that round may look like."""
+BEYOND, BRIEF = 0.9, 0.05
+"""Of a play's half from which on a cable lies on a side of it, and share of the time for which it does so in passing."""
 ROUNDS = 0.03
 """Share of a step (rms) that rounding may bring where encoders move through many of them."""
 LISTED = 5.0
@@ -445,6 +447,23 @@ def is_above_steps(search: Search, candidate: Candidate, values: dict[str, dict[
         return True
     size = values[candidate.effect.size.name]
     return abs(size["value"]) > 0.5 * search.problem.steps_at(candidate.place.index[0]) + 3 * size["std"]
+
+
+def confused_plays(search: Search, explanation: Explanation) -> dict[int, int]:
+    """Give the encoders' offsets that may be part of a play of the same cable, by their number, with that of the play.
+
+    The two are told apart by how far the cable goes on either side, and brief visits to one do not show the whole way.
+    """
+    plays = {c.place.index[0]: k for k, c in enumerate(explanation.fit.effects) if c.effect.name == "backlash"}
+    out = {}
+    for j, own in enumerate(explanation.fit.effects):
+        i = own.place.index[-1] if own.place.index else -1
+        if own.effect.name == "encoder_offset" and search.problem.kinematic and i in plays:
+            width = explanation.fit.effects[plays[i]].shape[0]
+            sides = np.concatenate([np.tanh(motion.cable_torque[:, i] / width) for motion in search.problem.motions])
+            if min(np.mean(sides > BEYOND), np.mean(sides < -BEYOND)) < BRIEF:
+                out[j] = plays[i]
+    return out
 
 
 def is_admissible(effect: Effect, values: dict[str, dict[str, Any]]) -> bool:

@@ -12,13 +12,18 @@ from .explanation import Explanation, explained
 from .fit import Fit
 from .leaders import STRONG, best_of, leading
 from .leftover import clear_noise
-from .likelihood import gain
+from .likelihood import gain, likelihood
 from .model import CableModel
 from .patches import MISREAD
 from .search import Search
 from .settling import settled
 from .shapes import loosened
 from .significance import holds, is_loud, is_seconded, passes
+
+OFF = 0.1
+"""Relative error of a law up to which what it leaves does not give its place away."""
+NEAR = 0.8
+"""Share of their gain, in the noise beside them, from which on a correction without a name may be likelier."""
 
 
 def patch(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candidate] | None:
@@ -48,6 +53,27 @@ def patch(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candida
             ):
                 return [*rest, candidate]
     return _misreading(search, bank, accepted, clear)
+
+
+def outdone(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candidate]:
+    """Put a correction without a name in the place of the laws at one place, if it is likelier in noise of its own.
+
+    Noise that was estimated beside wrong laws holds what they leave, and then hides by how much another one is better.
+    """
+    if not accepted or not all(c.named for c in accepted):
+        return accepted
+    known = likelihood(search, accepted)
+    clear = search.fit(accepted, clear_noise(search, accepted))
+    ways: list[tuple[float, list[Candidate]]] = [(0.0, accepted)]
+    for place in {(c.place.A, c.place.B): c for c in accepted if c.place.A}.values():
+        taken = [c for c in accepted if c.meets(place)]
+        rest, without, _, old = _given_up(search, clear, accepted, taken)
+        for candidate, score, weight in leading(search, without, bank, 1, rest, named=False):
+            near = gain(search, without, candidate, score) > NEAR * old
+            if near and is_loud(score) and passes(search, candidate, score, weight, without):
+                instead, worth = [*rest, candidate], known - likelihood(search, rest)
+                ways.append((likelihood(search, instead) - known - max(20.0, OFF**2 * worth), instead))
+    return max(ways, key=lambda way: way[0])[1]
 
 
 def _misreading(search: Search, bank: Bank, accepted: list[Candidate], clear: Fit) -> list[Candidate] | None:
@@ -152,6 +178,8 @@ def renamed(explanation: Explanation) -> Explanation:
     for j, found in enumerate(explanation.found):
         if found.candidate.named:
             continue
+        known, rest = (likelihood(explanation.search, e) for e in (accepted, accepted[:j] + accepted[j + 1 :]))
+        least = known - _nearly(known - rest)
         near = [c for c, d in found.rivals if c.named and d > -_nearly(found.gain)][:2]
         if found.score.statistic > STRONG:  # what is left open of a law may also spoil it
             forms = [(c, c.detailed(explanation.search.problem.motions)) for c in near]
@@ -161,6 +189,7 @@ def renamed(explanation: Explanation) -> Explanation:
             bank, without = search.renewed(explanation.bank), search.without(search.fit(laws), j)
             score = search.score(without, laws[j])
             stands = laws[j].is_plausible(score.beta, without.effects) and holds(search, laws[j], score, without)
+            stands = stands and likelihood(search, laws) > least
             if stands and unnamed(search, bank, laws) is None:
                 return renamed(explained(search, bank, laws))
     return explanation

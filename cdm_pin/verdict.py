@@ -139,12 +139,18 @@ def _named(model: CableModel, judge: Search | None, explanation: Explanation, di
     named.sort(key=lambda j: -found[j].score.statistic)
     fitted = {j: fi.parameters(found[j].candidate, beta[j], verdict.spread(j)) for j in named}
 
+    confused = fi.confused_plays(explanation.search, explanation)
+    for offset, play in confused.items():
+        if offset in fitted and play in fitted:
+            gap = fitted[play]["half_gap"]
+            gap["std"] = float(np.hypot(gap["std"], fitted[offset]["offset"]["value"]))
+
     def holds(j: int) -> bool:
         candidate, values = found[j].candidate, fitted[j]
         known = fi.is_known(values, candidate, beta[j], verdict.spread(j))
         lawful = explanation.everywhere or fi.is_lawful(explanation.fit, j)
         sure = known and lawful and fi.is_admissible(candidate.effect, values) and found[j].gain >= 5.0
-        return sure and fi.is_above_steps(explanation.search, candidate, values)
+        return sure and j not in confused and fi.is_above_steps(explanation.search, candidate, values)
 
     verdict = replace(verdict, fitted=fitted, stated=fitted).keeping(holds)
     if not explanation.everywhere:
