@@ -38,12 +38,13 @@ def errors_of_laws(search: Search, fit: Fit) -> Vector:
     """
     known = np.zeros(fit.n_rows)
     for candidate, beta in zip(fit.effects, fit.beta, strict=True):
-        known = known + _error_of(search, candidate, beta, fit)
-    stated = [_error_of(search, c, beta, fit) ** 2 for c, beta in effect_candidates(search.problem.model)]
+        known = known + error_of(search, candidate, beta, fit)
+    stated = [error_of(search, c, beta, fit) ** 2 for c, beta in effect_candidates(search.problem.model)]
     return known + np.sqrt(np.sum(stated, axis=0))
 
 
-def _error_of(search: Search, candidate: Candidate, beta: Vector, fit: Fit) -> Vector:
+def error_of(search: Search, candidate: Candidate, beta: Vector, fit: Fit) -> Vector:
+    """Give the magnitude of the error that a law of some size may have, whitened as a fit is, shape (n_rows,)."""
     parts = [np.tensordot(beta, columns[: len(beta)], 1)[None] for columns in search.columns(candidate)]
     if candidate.effect.exact_travel and search.problem.torque:
         for part in parts:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from .candidates import SWUNG, Candidate, coupled_alike, twins
-from .doubts import errors_of_laws
+from .doubts import error_of, errors_of_laws
 from .drifting import own_drifts
 from .effect import Columns, Effect
 from .effects import CATALOGUE, MAPS
@@ -303,7 +303,7 @@ EQUAL = 0.9999
 ROUNDED = ("encoder_offset", "backlash")
 """What encoders that round may look like."""
 BEYOND, BRIEF = 0.9, 0.05
-"""Of a play's half from which on a cable lies on a side of it, and share of the time for which it does so in passing."""
+"""Share of a play's half from which on a cable lies on a side of it, and of the time for which it does in passing."""
 ROUNDS = 0.03
 """Share of a step (rms) that rounding may bring where encoders move through many of them."""
 LISTED = 5.0
@@ -554,18 +554,17 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
 
 
 def between_errors_of_laws(search: Search, without: Fit, own: Candidate, rival: Candidate) -> float:
-    """Bound by how much log-likelihood errors of the laws in a fit may set one effect before another in its place.
+    """Bound by how much log-likelihood errors of laws may set one effect before another in its place.
 
-    They may take any sign at any sample, as in `from_errors_of_laws`, where what the two explain differs. Two that
-    explain unlike parts of an error are no rivals, however much either explains.
+    Those of the laws in a fit and of the rival may take any sign at any sample, as in `from_errors_of_laws`, where what
+    the two explain differs. Two that explain unlike parts of an error are no rivals, however much either explains.
     """
-    if not without.effects:
-        return 0.0
+    betas = [search.score(without, c).beta for c in (own, rival)]
     rows = [search.white(without.whitener, search.columns(c)) for c in (own, rival)]
-    a, b = (search.score(without, c).beta @ without.rest(W) for c, W in zip((own, rival), rows, strict=True))
+    a, b = (beta @ without.rest(W) for beta, W in zip(betas, rows, strict=True))
     if a @ b < ALIKE * np.linalg.norm(a) * np.linalg.norm(b):
         return 0.0
-    return float(np.abs(a - b) @ errors_of_laws(search, without))
+    return float(np.abs(a - b) @ (errors_of_laws(search, without) + error_of(search, rival, betas[1], without)))
 
 
 def is_plainer(search: Search, without: Fit, own: Candidate, rival: Candidate) -> bool:
