@@ -17,6 +17,8 @@ from .shapes import shape_slopes
 from .spectra import Spectrum, spectrum, stands_out, tone_peaks, whitener_of
 from .whitening import Whitener, inside_of, log_p, put_back, quiet_segments
 
+SHORT = 128
+"""Samples of a stretch from which on lines are looked for in its spectrum."""
 OWN = 0.02
 """Share of the torque at a frequency that a disturbance there makes at least."""
 
@@ -179,7 +181,7 @@ def tones(search: Search, effects: Sequence[Candidate] = (), most: int = 3, leas
     for e, data, run in zip(rest, problem.data, problem.segments, strict=True):
         start, stop = max(run, key=lambda s: s[1] - s[0], default=(0, 0))
         n = stop - start
-        if n < 256:
+        if n < SHORT:
             continue
         for x, y in zip(e[:, start:stop], data[0, :, start:stop], strict=True):
             for f, height in tone_peaks(x, rate, 0.3, 0.9 * problem.band.cutoff, most, least).items():
