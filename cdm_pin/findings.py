@@ -556,15 +556,19 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
 def between_errors_of_laws(search: Search, without: Fit, own: Candidate, rival: Candidate) -> float:
     """Bound by how much log-likelihood errors of laws may set one effect before another in its place.
 
-    Those of the laws in a fit and of the rival may take any sign at any sample, as in `from_errors_of_laws`, where what
-    the two explain differs. Two that explain unlike parts of an error are no rivals, however much either explains.
+    Those of the laws in a fit, and of a rival of fewer coefficients, may take any sign at any sample, as in
+    `from_errors_of_laws`, where what the two explain differs. Two that explain unlike parts of an error are no rivals,
+    however much either explains.
     """
     betas = [search.score(without, c).beta for c in (own, rival)]
     rows = [search.white(without.whitener, search.columns(c)) for c in (own, rival)]
     a, b = (beta @ without.rest(W) for beta, W in zip(betas, rows, strict=True))
     if a @ b < ALIKE * np.linalg.norm(a) * np.linalg.norm(b):
         return 0.0
-    return float(np.abs(a - b) @ (errors_of_laws(search, without) + error_of(search, rival, betas[1], without)))
+    errors = errors_of_laws(search, without)
+    if search.size(rival) < search.size(own):
+        errors = errors + error_of(search, rival, betas[1], without)
+    return float(np.abs(a - b) @ errors)
 
 
 def is_plainer(search: Search, without: Fit, own: Candidate, rival: Candidate) -> bool:

@@ -20,8 +20,8 @@ from .settling import settled
 from .shapes import loosened
 from .significance import holds, is_loud, is_seconded, passes
 
-OFF = 0.1
-"""Relative error of a law up to which what it leaves does not give its place away."""
+OFF, ERRS = 0.01, 0.0025
+"""Share of its likelihood that one law, or several together, may lose by errors of their own."""
 NEAR = 0.8
 """Share of their gain, in the noise beside them, from which on a correction without a name may be likelier."""
 
@@ -56,23 +56,26 @@ def patch(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candida
 
 
 def outdone(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candidate]:
-    """Put a correction without a name in the place of the laws at one place, if it is likelier in noise of its own.
+    """Put a correction without a name in the place of laws, of those at one place or of all, if it is likelier.
 
-    Noise that was estimated beside wrong laws holds what they leave, and then hides by how much another one is better.
+    Each in noise of its own: what was estimated beside wrong laws holds what they leave, and then hides by how much
+    another one is better. One law has to be clearly less likely, several together no more than they may be wrong by.
     """
     if not accepted or not all(c.named for c in accepted):
         return accepted
     known = likelihood(search, accepted)
     clear = search.fit(accepted, clear_noise(search, accepted))
+    places = {(c.place.A, c.place.B): c for c in accepted if c.place.A}.values()
+    groups = [[c for c in accepted if c.meets(place)] for place in places]
     ways: list[tuple[float, list[Candidate]]] = [(0.0, accepted)]
-    for place in {(c.place.A, c.place.B): c for c in accepted if c.place.A}.values():
-        taken = [c for c in accepted if c.meets(place)]
+    for taken in [*groups, *([accepted] if accepted not in groups else [])]:
         rest, without, _, old = _given_up(search, clear, accepted, taken)
         for candidate, score, weight in leading(search, without, bank, 1, rest, named=False):
             near = gain(search, without, candidate, score) > NEAR * old
             if near and is_loud(score) and passes(search, candidate, score, weight, without):
                 instead, worth = [*rest, candidate], known - likelihood(search, rest)
-                ways.append((likelihood(search, instead) - known - max(20.0, OFF**2 * worth), instead))
+                margin = ERRS * worth if len(taken) > 1 else max(20.0, OFF * worth)
+                ways.append((likelihood(search, instead) - known - margin, instead))
     return max(ways, key=lambda way: way[0])[1]
 
 

@@ -293,3 +293,61 @@ def test_three_effects_are_told_apart(tmp_path, seed, bits):
     model, runs, unseen, truth, _ = written_trial(tmp_path, seed, effects=3, at_least=50.0, bits=bits)
     result = score(truth, diagnose(model, runs, unseen).content)
     assert result.all_right, (result.meetings, result.false_findings)
+
+
+def remembering(t, v, size=0.05, grows=0.4, fades=1.5):
+    """Give a friction that grows after each reversal and then fades, as no law of the catalogue does."""
+    way = np.where(v < 0.0, -1.0, 1.0)
+    turns = np.r_[0, np.flatnonzero(np.diff(way)) + 1]
+    since = t - t[turns[np.searchsorted(turns, np.arange(len(t)), side="right") - 1]]
+    return size * way * (1.0 - np.exp(-since / grows)) * (0.3 + 0.7 * np.exp(-since / fades))
+
+
+def test_one_unknown_law_is_not_made_of_several_known_ones(tmp_path):
+    """Dry friction, hysteresis and a coupling together imitate it; one correction without a name is likelier."""
+    options = {"effects": 0, "n_links": 2, "positions": "joint", "bits": 17, "noise": "white", "motion": "prescribed"}
+    model, runs, unseen, _, _ = written_trial(tmp_path, 17, **options)
+    size = 0.3 * np.std(runs[0].channels["motor_torque"][:, 1])
+    logs = [[rubbed(model, r, 2, lambda t, v: remembering(t, v, size)) for r in kind] for kind in (runs, unseen)]
+    content = diagnose(model, *logs).content
+    assert content["verdict"] == "unexplained"
+    assert content["findings"] == []
+    assert content["unexplained"]["location"] == {"kind": "joint", "index": 2}
+
+
+def test_a_torque_of_its_own_frequency_is_heard_in_half_a_minute(tmp_path):
+    """In the narrow band of coarse encoders that is some 240 samples."""
+    options = {"effects": 0, "positions": "motor", "bits": 14, "noise": "white", "motion": "prescribed"}
+    model, runs, unseen, _, _ = written_trial(tmp_path, 5, n_links=3, duration=30.0, **options)
+
+    def humming(run):
+        torque = run.channels["motor_torque"].copy()
+        torque[:, 2] += 0.3 * torque[:, 2].std() * np.sin(2 * np.pi * 1.37 * run.time)
+        return Recording(run.time, run.channels | {"motor_torque": torque}, label=run.label)
+
+    content = diagnose(model, [humming(run) for run in runs], [humming(run) for run in unseen]).content
+    assert content["verdict"] == "unexplained"
+    assert content["unexplained"]["location"] == {"kind": "motor", "index": 3}
+    assert "frequency of its own" in content["unexplained"]["region"]
+
+
+def test_no_offset_is_named_beside_a_play_that_is_hardly_crossed(tmp_path):
+    """The cable visits the other side for moments that do not show the whole way: the gap says how unsure it is."""
+    model, runs, unseen, truth, _ = written_trial(tmp_path, 190917076025529, bits=17, at_least=50.0)
+    content = diagnose(model, runs, unseen).content
+    (effect,), (finding,) = truth["effects"], content["findings"]
+    assert finding["effect"] == effect["effect"] == "backlash"
+    gap = finding["parameters"]["half_gap"]
+    assert abs(gap["value"] - effect["parameters"]["half_gap"]) < 2.0 * gap["std"]
+
+
+def test_sensitivities_are_no_finer_than_encoders_round(tmp_path):
+    """An eccentric pulley that moves encoders by less than a share of their steps is not named, nor said to be seen."""
+    options = {"effects": 0, "n_links": 2, "positions": "both", "noise": "white", "motion": "prescribed"}
+    model, runs, _, _, _ = written_trial(tmp_path, 3, bits=14, **options)
+    rows = diagnose(model, runs).content["sensitivity"]
+    turns = [row for row in rows if row["effect"] == "pulley_eccentricity"]
+    travel = np.ptp(runs[0].channels["joint_position"], axis=0).max()
+    step = 2.0 * np.pi / 2**14
+    assert turns
+    assert all(row["amplitude"] is None or row["amplitude"] * travel > 0.03 * step for row in turns)
