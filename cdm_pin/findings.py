@@ -517,6 +517,7 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
     for twin in same_elsewhere(search, explanation, j):
         add(effect.name, twin)
     close = settings.within(found.score.statistic, least=LISTED)
+    off = 0.5 * effect.error**2 * found.score.statistic  # what its own law may be wrong by
     rubs = effect.name == "coulomb_friction"
     alike: list[Candidate] = []
     further: list[Candidate] = []
@@ -524,7 +525,7 @@ def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[
     bare = refine(search, without, found.candidate.bare)[0] if found.candidate.detail else found.candidate
     for rival, difference in _leaning(search, without, found):
         own = found.candidate if rival.detail else bare
-        trifle = difference < close and is_plainer(search, without, own, rival)
+        trifle = difference < max(close, off) and is_plainer(search, without, own, rival)
         within = difference > -close and not trifle
         if not (within or trifle) and -difference < DOUBTED * found.score.statistic:
             within = -difference < between_errors_of_laws(search, without, own, rival)
