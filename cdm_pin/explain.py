@@ -14,7 +14,7 @@ from .explanation import Explanation, explained
 from .growing import adjusted, grow
 from .leftover import clear_noise, tones
 from .patching import beside_looser, has_a_name, outdone, patch, renamed, unpatched
-from .plainness import peaked, peakless, placed, plainer, repelled, simplest
+from .plainness import peaked, peakless, placed, plainer, repelled, simplest, whole
 from .polishing import all_late
 from .pruning import coupled, prune, pruned, warmed
 from .rubbing import rubbing
@@ -93,6 +93,6 @@ def explain(
     search, accepted = unpatched(search, bank, accepted)
     accepted = outdone(search, search.renewed(bank), accepted)
     explanation = plainer(renamed(explained(search, search.renewed(bank), accepted)))
-    explanation = repelled(coupled(pruned(warmed(peakless(peaked(simplest(placed(explanation))))))))
+    explanation = whole(repelled(coupled(pruned(warmed(peakless(peaked(simplest(placed(explanation)))))))))
     say.looked(explanation.fit)
     return explanation

@@ -351,3 +351,11 @@ def test_sensitivities_are_no_finer_than_encoders_round(tmp_path):
     step = 2.0 * np.pi / 2**14
     assert turns
     assert all(row["amplitude"] is None or row["amplitude"] * travel > 0.03 * step for row in turns)
+
+
+def test_a_motor_ripples_a_whole_number_of_times_a_turn(tmp_path):
+    """The data hardly speak against it, and other recordings turn the motor further."""
+    model, runs, unseen, truth, _ = blind(tmp_path, 9, ["torque_ripple"], size="quarter", bits=14, noise="white")
+    (effect,), (finding,) = truth["effects"], diagnose(model, runs, unseen).content["findings"]
+    assert finding["effect"] == "torque_ripple"
+    assert finding["parameters"]["cycles"]["value"] == effect["parameters"]["cycles"]
