@@ -238,6 +238,17 @@ def beyond_samples(search: Search, judge: Search | None, fit: Fit) -> Vector:
     return np.min(sizes, axis=0)
 
 
+def times_noise(search: Search, judge: Search | None, fit: Fit) -> Vector:
+    """Give how many times the noise, and what laws may be wrong by, motors err in unseen recordings, shape (n_motors,).
+
+    In the training where there are none; zero without torques.
+    """
+    there, m = _searches(search, judge)[-1], search.problem.model.n_motors
+    if not search.problem.torque or not any(there.problem.segments):
+        return np.zeros(m)
+    return rms(there, still_errors(there, fit))[:m] / np.maximum(_floor(search, fit, _least(search))[:m], 1e-300)
+
+
 def beyond_training(search: Search, judge: Search, fit: Fit, limit: float = 4.0) -> dict[str, Any] | None:
     """Say where unseen recordings hold something that the others do not tell of; None where they do not.
 

@@ -31,6 +31,7 @@ from .unexplained import (
     shared_torque,
     something,
     swinging_torque,
+    times_noise,
     wandering_travel,
 )
 
@@ -40,6 +41,8 @@ LIKE = 0.5
 """How like a finding beside a correction the unseen recordings have to make it by themselves."""
 FAR = 25.0
 """Squared error on unseen recordings, in units of the noise, beside which a finding has to carry most of it."""
+BURIED = 10.0
+"""Times its noise by which a motor errs, beside something without a name, where no law that acts on it is sure."""
 ANY, VAGUE = 1.0, 2.0
 """Standard errors, by unseen recordings too, up to which a finding is none, and beside something unexplained."""
 
@@ -124,7 +127,7 @@ def reached(model: CableModel, judge: Search | None, explanation: Explanation, d
     for gate in GATES:
         if verdict.unexplained is None:
             verdict = gate(verdict)
-    return _agreed(verdict)
+    return _agreed(_buried(verdict))
 
 
 def _named(model: CableModel, judge: Search | None, explanation: Explanation, disputed: bool) -> Verdict:
@@ -297,6 +300,27 @@ GATES: Sequence[Callable[[Verdict], Verdict]] = (
     _swinging,
     _in_common,
 )
+
+
+def _buried(verdict: Verdict) -> Verdict:
+    """State nothing of a motor that errs by many times its noise, beside something without a name, but what takes most.
+
+    What happens once is seen at its time, and what encoders misread between them.
+    """
+    if verdict.everywhere or verdict.unexplained is None or not verdict.stated:
+        return verdict
+    search, judge, candidates = verdict.search, verdict.judge, verdict.fit.effects
+    times = times_noise(search, judge, verdict.fit)
+
+    def stands(j: int) -> bool:
+        effect, place = candidates[j].effect, candidates[j].place
+        seen = search.problem.kinematic and effect.exact_travel
+        if effect.name in ONCE or seen or not place.A + place.B:
+            return True
+        acts = np.abs(place.weights(verdict.model)) > 1e-9
+        return bool(np.all(times[acts] < BURIED)) or carries(judge or search, verdict.explanation, j)
+
+    return verdict.keeping(stands)
 
 
 def _agreed(verdict: Verdict) -> Verdict:

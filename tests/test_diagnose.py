@@ -359,3 +359,14 @@ def test_a_motor_ripples_a_whole_number_of_times_a_turn(tmp_path):
     (effect,), (finding,) = truth["effects"], diagnose(model, runs, unseen).content["findings"]
     assert finding["effect"] == "torque_ripple"
     assert finding["parameters"]["cycles"]["value"] == effect["parameters"]["cycles"]
+
+
+def test_what_acts_on_a_motor_whose_error_stays_huge_is_not_sure(tmp_path):
+    """A spring between two joints, of no catalogue: most of it is like one at joint 1, and far too much is left."""
+    options = {"effects": 1, "bits": 17, "at_least": 50.0, "out_of_catalogue": True}
+    model, runs, unseen, truth, _ = written_trial(tmp_path, 130362614262690, **options)
+    (effect,) = truth["effects"]
+    assert effect["effect"] == "cross_spring"
+    content = diagnose(model, runs, unseen).content
+    assert content["verdict"] == "unexplained"
+    assert content["findings"] == []
