@@ -302,6 +302,8 @@ EQUAL = 0.9999
 """Canonical correlation of dry friction with what is dry friction on these data."""
 ROUNDED = ("encoder_offset", "backlash")
 """What encoders that round may look like."""
+PROMPT = 1.0e-3
+"""Delay [s] that any chain of measurement has."""
 BEYOND, BRIEF = 0.9, 0.05
 """Share of a play's half from which on a cable lies on a side of it, and of the time for which it does in passing."""
 ROUNDS = 0.03
@@ -464,6 +466,11 @@ def confused_plays(search: Search, explanation: Explanation) -> dict[int, int]:
             if min(np.mean(sides > BEYOND), np.mean(sides < -BEYOND)) < BRIEF:
                 out[j] = plays[i]
     return out
+
+
+def is_late(candidate: Candidate, values: dict[str, dict[str, Any]]) -> bool:
+    """Whether a delay is more than the filters of drives and sensors have, which are no fault; of others, always."""
+    return candidate.effect.name != "time_delay" or abs(values["delay"]["value"]) > PROMPT
 
 
 def is_admissible(effect: Effect, values: dict[str, dict[str, Any]]) -> bool:
@@ -692,8 +699,10 @@ def sensitivities(search: Search, explanation: Explanation) -> list[dict[str, An
 
 
 def _rounded(search: Search, candidate: Candidate) -> float:
-    """Give the coefficient up to which an effect is no more than encoders that round may make (`is_above_steps`)."""
+    """Give the coefficient up to which encoders that round (`is_above_steps`), or filters, may make an effect."""
     name, problem = candidate.effect.name, search.problem
+    if name == "time_delay":
+        return PROMPT
     if name in MAPS and problem.kinematic:
         travel = rms(search, [x[0] for x in search.columns(candidate)])[-problem.model.n_motors :]
         return float(ROUNDS * problem.steps_at(candidate.place.index[-1]) / max(travel.max(), 1e-300))

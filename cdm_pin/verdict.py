@@ -153,6 +153,7 @@ def _named(model: CableModel, judge: Search | None, explanation: Explanation, di
         known = fi.is_known(values, candidate, beta[j], verdict.spread(j))
         lawful = explanation.everywhere or fi.is_lawful(explanation.fit, j)
         sure = known and lawful and fi.is_admissible(candidate.effect, values) and found[j].gain >= 5.0
+        sure = sure and fi.is_late(candidate, values)
         return sure and j not in confused and fi.is_above_steps(explanation.search, candidate, values)
 
     verdict = replace(verdict, fitted=fitted, stated=fitted).keeping(holds)

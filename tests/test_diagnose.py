@@ -370,3 +370,18 @@ def test_what_acts_on_a_motor_whose_error_stays_huge_is_not_sure(tmp_path):
     content = diagnose(model, runs, unseen).content
     assert content["verdict"] == "unexplained"
     assert content["findings"] == []
+
+
+@pytest.mark.parametrize(("lag", "said"), [(6e-4, []), (4e-3, ["time_delay"])])
+def test_what_every_drive_is_late_by_is_no_fault(tmp_path, lag, said):
+    """A filter of 0.6 ms before the torque is logged, as quiet sensors show it, and one of 4 ms."""
+    options = {"positions": "joint", "bits": 20, "noise": "white", "motion": "prescribed"}
+    model, runs, unseen, _, _ = blind(tmp_path, 4, 0, **options)
+
+    def late(run):
+        torque = [np.interp(run.time - lag, run.time, x) for x in run.channels["motor_torque"].T]
+        return Recording(run.time, run.channels | {"motor_torque": np.transpose(torque)}, label=run.label)
+
+    content = diagnose(model, [late(run) for run in runs], [late(run) for run in unseen]).content
+    assert [finding["effect"] for finding in content["findings"]] == said
+    assert content["verdict"] == ("missing_physics" if said else "consistent")
