@@ -161,7 +161,8 @@ def is_another_there(
 
     What a law is off by does not make it a good part larger; where that depends on the recording it is another law. One
     of its parameters may be far off where that changes little of its torque, such as the damping of a stiff cable.
-    Its shape may be hard to tell in either: both are asked for the sizes that they see with the one of the unseen.
+    Its shape may be hard to tell in either: both are asked for the sizes that they see with the one of the unseen. What
+    rubs and often stands still has no size that can be told so.
 
     Parameters
     ----------
@@ -177,7 +178,7 @@ def is_another_there(
         apart, chance = shifts[name]
         if min(abs(size), apart) > CERTAIN * chance > 0.0 and apart > UNLIKE * abs(size):
             far.append(name)
-    if not far:
+    if not far or max(held(there, candidate) for there in (search, judge)) > HELD:
         return False
     law, beta = candidate, (fit.beta[j], fit.beta[j] + step[: len(fit.beta[j])])
     if candidate.extra:
@@ -186,6 +187,15 @@ def is_another_there(
         beta = [there.score(beside, law).beta for there, beside in zip((search, judge), others, strict=True)]
     W = judge.white(fit.whitener, judge.columns(law))
     return bool(np.linalg.norm((beta[1] - beta[0]) @ W) > UNLIKE * np.linalg.norm(beta[0] @ W))
+
+
+def held(search: Search, candidate: Candidate) -> float:
+    """Give the share of the time in which what rubs stands still while the rest may move: friction is then anything."""
+    if not candidate.effect.name.endswith("_friction"):
+        return 0.0
+    speeds = [candidate.place.along(motion.joint_speeds, motion.v_m) for motion in search.problem.motions]
+    v = np.abs(np.concatenate(speeds))
+    return float(np.mean(v < STILL * np.sqrt(np.mean(v**2))))
 
 
 def _shifts(candidate: Candidate, beta: Vector, step: Vector, covariance: Vector) -> dict[str, tuple[float, float]]:
@@ -302,6 +312,8 @@ EQUAL = 0.9999
 """Canonical correlation of dry friction with what is dry friction on these data."""
 ROUNDED = ("encoder_offset", "backlash")
 """What encoders that round may look like."""
+STILL, HELD = 0.02, 0.1
+"""Share of its rms below which a speed is none, and of the time from which on standstill spoils a size of friction."""
 PROMPT = 1.0e-3
 """Delay [s] that any chain of measurement has."""
 BEYOND, BRIEF = 0.9, 0.05

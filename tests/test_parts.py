@@ -1,11 +1,14 @@
 """Without unseen recordings, parts of those at hand judge each other."""
 
 from itertools import pairwise
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from trials import rubbed, search_of, written_trial
 
 from cdm_pin.diagnose import diagnose
+from cdm_pin.findings import held
 from cdm_pin.parts import parts_of
 
 
@@ -64,3 +67,17 @@ def test_parts_are_all_of_a_recording(clean):
     assert ends[-1][1] == search.problem.segments[0][0][1]
     rows = sum(b - a for a, b in ends)
     assert all(sum(b - a for a, b in part.others.problem.segments[0]) < rows for part in parts)
+
+
+@pytest.mark.parametrize(
+    ("effect", "still", "share"),
+    [("coulomb_friction", 40, 0.4), ("joint_spring", 40, 0.0), ("load_dependent_friction", 0, 0.0)],
+)
+def test_friction_may_be_anything_while_a_joint_stands_still(effect, still, share):
+    """Of a hundred samples: what rubs is held in those at rest, what does not never is."""
+    speeds = np.r_[np.zeros(still), np.ones(100 - still)][:, None]
+    motion = SimpleNamespace(joint_speeds=speeds, v_m=speeds)
+    place = SimpleNamespace(along=lambda joints, motors: joints[:, 0])
+    candidate = SimpleNamespace(effect=SimpleNamespace(name=effect), place=place)
+    search = SimpleNamespace(problem=SimpleNamespace(motions=[motion]))
+    assert held(search, candidate) == pytest.approx(share)
