@@ -782,16 +782,22 @@ def outweighs(model: CableModel, found: Found, motor: int, excess: float) -> boo
 def is_sure(model: CableModel, found: Found, patches: Sequence[Found]) -> bool:
     """Whether a finding stands on its own beside corrections without a name: elsewhere, and not small beside them.
 
-    What encoders misread is seen between them, friction in torques.
+    What encoders misread is seen between them, friction in torques; what a cable does is elsewhere if its motor is.
     """
     if found.candidate.effect.name.endswith("_friction"):
         patches = [patch for patch in patches if patch.candidate.effect.name != MISREAD]
     own = np.abs(np.array(found.candidate.place.A + found.candidate.place.B))
     for patch in patches:
         other = np.abs(np.array(patch.candidate.place.A + patch.candidate.place.B))
-        if not len(own) or not len(other) or own @ other > 1e-9:
+        if not len(other):
             return False
-        if parallel(found.candidate.place.weights(model), patch.candidate.place.weights(model), NEARLY):
+        if not len(own):
+            cable = list(found.candidate.place.index[:1])
+            if not cable or np.any(np.abs(patch.candidate.place.weights(model)[cable]) > 1e-9):
+                return False
+        elif own @ other > 1e-9:
+            return False
+        elif parallel(found.candidate.place.weights(model), patch.candidate.place.weights(model), NEARLY):
             return False  # joint 1 and motor 1 of the paper's arm, or a motor that does most of what a joint does
         if found.score.statistic < 0.2 * patch.score.statistic:
             return False
