@@ -160,8 +160,7 @@ def _is_held(search: Search, push: Candidate, size: float, fit: Fit) -> bool:
     inside = (motion.time >= push.shape[0]) & (motion.time <= push.shape[1])
     own = push.place.weights(model)
     for law, beta in [*zip(fit.effects, fit.beta, strict=True), *effect_candidates(model)]:
-        dry = law.effect.name == "coulomb_friction" or "coulomb_friction" in law.effect.confounded
-        if not (dry and law.has_doubts) or law.place.is_pair:
+        if not (law.effect.name.endswith("_friction") and law.has_doubts) or law.place.is_pair:
             continue
         series, other = law.raw_columns(motion).along or (None, own)
         if series is None or abs(own @ other) <= ALIKE * np.linalg.norm(own) * np.linalg.norm(other):
