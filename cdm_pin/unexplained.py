@@ -49,6 +49,8 @@ EVIDENTLY = 2.0
 PEAK, ROUNDER = 30.0, 10.0
 """Power of a residual at some frequency over that at a lower one, alone and beside smooth functions of the state, that
 noise has of no sensor, unless what encoders make of accelerations is most of it."""
+UNTOLD = 4.0
+"""How many times what the noise of positions makes of accelerations a swinging torque has to be."""
 LOUDER = 1.5
 """How many times the noise of the training that of unseen recordings may be."""
 ADRIFT = 10.0
@@ -501,11 +503,17 @@ def _beside_lines(search: Search, fit: Fit, lines: set[float]) -> Search:
     return search.at(plain.base[: len(search.base.columns)], own)
 
 
+def _beside(x: Vector, t: Vector, frequency: float) -> float:
+    """Give how large series (m, n) usually swing at frequencies near one [Hz]: what noise makes there."""
+    near = frequency + np.r_[-12:-1, 2:13] * 2.0 / (t[-1] - t[0])
+    return float(np.median([np.linalg.norm(x @ np.exp(-2j * np.pi * f * t)) * 2.0 / len(t) for f in near]))
+
+
 def swinging_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     """Say where a torque swings at a frequency of its own above the band; None where it does not.
 
     It is looked for in the torques at the full rate. The motion at that frequency must not explain it, with masses that
-    owe nothing to it, and it has to be alike in both halves of a recording.
+    owe nothing to it, nor be too coarsely measured to tell, and it has to be alike in both halves of a recording.
     """
     if not search.problem.torque:
         return None
@@ -521,13 +529,16 @@ def swinging_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
         if not any(lines):
             continue
         t, y = run.motion.time[start:stop], run.data[:m, start:stop]
-        e = y - _quick(run, min(2.0 * high, 0.45 * rate)).logged_torque.T[:, start:stop]
+        moving = _quick(run, min(2.0 * high, 0.45 * rate)).logged_torque.T[:, start:stop]
+        e = y - moving
         for found in lines:
             for frequency, height in found.items():
                 turn = 2.0 * np.exp(-2j * np.pi * frequency * t)
                 early, late = (e[:, part] @ turn[part] / part.size for part in np.array_split(np.arange(len(t)), 2))
                 size, spread = np.linalg.norm(0.5 * (early + late)), np.linalg.norm(early - late)
-                if height > best and size > 0.5 * np.linalg.norm(y @ turn) / len(t) and spread < 0.5 * size:
+                told_by_motion = size > UNTOLD * _beside(moving, t, frequency)
+                alike = size > 0.5 * np.linalg.norm(y @ turn) / len(t) and spread < 0.5 * size
+                if height > best and alike and told_by_motion:
                     best, told = height, (frequency, 0.5 * (early + late))
     if told is None:
         return None

@@ -385,3 +385,9 @@ def test_what_every_drive_is_late_by_is_no_fault(tmp_path, lag, said):
     content = diagnose(model, [late(run) for run in runs], [late(run) for run in unseen]).content
     assert [finding["effect"] for finding in content["findings"]] == said
     assert content["verdict"] == ("missing_physics" if said else "consistent")
+
+
+def test_what_positions_are_too_coarse_to_tell_is_no_line_of_its_own(tmp_path):
+    """A servo's ripple moves the arm by a hundredth of an encoder's step: the torque is all that shows it."""
+    model, runs, unseen, _, _ = written_trial(tmp_path, 143572560067792, effects=0, bits=14)
+    assert diagnose(model, runs, unseen).content["verdict"] == "consistent"
