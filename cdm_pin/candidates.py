@@ -312,6 +312,12 @@ def at_known_place(candidate: Candidate, model: CableModel, alike: float = 0.999
     return candidate
 
 
+def shares_motor(a: Candidate, other: Candidate, model: CableModel) -> bool:
+    """Whether an effect acts along a coordinate that meets another's, or on a cable whose motor the other moves."""
+    on_cable = not a.place.A and np.abs(other.place.weights(model)[list(a.place.index[:1])]) > 1e-9
+    return a.meets(other) or bool(np.any(on_cable))
+
+
 def coupled_alike(model: CableModel, candidate: Candidate) -> list[dict[str, Any]]:
     """List the motors and joints whose coupling, at a ratio of its own, is the same combination of motors.
 

@@ -91,8 +91,9 @@ def explain(
         if len(more) > len(accepted):
             search, accepted = settled(there, prune(there, more))
     search, accepted = unpatched(search, bank, accepted)
-    accepted = outdone(search, search.renewed(bank), accepted)
-    explanation = plainer(renamed(explained(search, search.renewed(bank), accepted)))
+    bank = search.renewed(bank)
+    accepted = outdone(search, bank, accepted)
+    explanation = plainer(renamed(explained(search, bank, accepted)))
     explanation = whole(repelled(coupled(pruned(warmed(peakless(peaked(simplest(placed(explanation)))))))))
     say.looked(explanation.fit)
     return explanation

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from .candidates import SWUNG, Candidate, coupled_alike, twins
+from .candidates import SWUNG, Candidate, coupled_alike, shares_motor, twins
 from .doubts import error_of, errors_of_laws
 from .drifting import own_drifts
 from .effect import Columns, Effect
@@ -453,14 +453,24 @@ def is_above_steps(search: Search, candidate: Candidate, values: dict[str, dict[
     them through many steps, which round to either side; but not alike, where a motion is over again.
     """
     if candidate.effect.name in MAPS and search.problem.kinematic:
-        m, step = search.problem.model.n_motors, search.problem.steps_at(candidate.place.index[-1])
         beta = candidate.effect.coefficients({name: v["value"] for name, v in values.items()})[0]
-        travel = rms(search, [np.tensordot(beta, x[: len(beta)], 1) for x in search.columns(candidate)])[-m:]
-        return float(travel.max()) > ROUNDS * step
-    if candidate.effect.name not in ROUNDED or (candidate.effect.name == "backlash" and search.problem.kinematic):
+        return _travel(search, candidate, beta) > ROUNDS * search.problem.steps_at(candidate.place.index[-1])
+    if not _looks_rounded(search, candidate):
         return True
     size = values[candidate.effect.size.name]
     return abs(size["value"]) > 0.5 * search.problem.steps_at(candidate.place.index[0]) + 3 * size["std"]
+
+
+def _travel(search: Search, candidate: Candidate, beta: Vector) -> float:
+    """Give the largest travel between encoders (rms) that the first coefficients of an effect make."""
+    travel = [np.tensordot(beta, x[: len(beta)], 1) for x in search.columns(candidate)]
+    return float(rms(search, travel)[-search.problem.model.n_motors :].max())
+
+
+def _looks_rounded(search: Search, candidate: Candidate) -> bool:
+    """Whether encoders that round may look like an effect of this kind."""
+    name = candidate.effect.name
+    return name in ROUNDED and not (name == "backlash" and search.problem.kinematic)
 
 
 def confused_plays(search: Search, explanation: Explanation) -> dict[int, int]:
@@ -706,7 +716,7 @@ def sensitivities(search: Search, explanation: Explanation) -> list[dict[str, An
     for shapes in rows.values():
         by_size = sorted((row for row in shapes if row["amplitude"]), key=lambda row: row["amplitude"]) or shapes
         middle = by_size[0 if by_size[0]["effect"] in OF_STIFFNESS else (len(by_size) - 1) // 2]
-        out.append(middle | {"absorbed_by": next((x for row in shapes if (x := row["absorbed_by"])), [])})
+        out.append(middle | {"absorbed_by": shapes[0]["absorbed_by"]})
     return out
 
 
@@ -716,11 +726,9 @@ def _rounded(search: Search, candidate: Candidate) -> float:
     if name == "time_delay":
         return PROMPT
     if name in MAPS and problem.kinematic:
-        travel = rms(search, [x[0] for x in search.columns(candidate)])[-problem.model.n_motors :]
-        return float(ROUNDS * problem.steps_at(candidate.place.index[-1]) / max(travel.max(), 1e-300))
-    if name not in ROUNDED or (name == "backlash" and problem.kinematic):
-        return 0.0
-    return float(0.5 * problem.steps_at(candidate.place.index[0]))
+        travel = _travel(search, candidate, np.ones(1))
+        return ROUNDS * problem.steps_at(candidate.place.index[-1]) / max(travel, 1e-300)
+    return 0.5 * problem.steps_at(candidate.place.index[0]) if _looks_rounded(search, candidate) else 0.0
 
 
 def _amplitude(candidate: Candidate, beta: float) -> float | None:
@@ -786,18 +794,12 @@ def is_sure(model: CableModel, found: Found, patches: Sequence[Found]) -> bool:
     """
     if found.candidate.effect.name.endswith("_friction"):
         patches = [patch for patch in patches if patch.candidate.effect.name != MISREAD]
-    own = np.abs(np.array(found.candidate.place.A + found.candidate.place.B))
+    own = found.candidate.place
     for patch in patches:
-        other = np.abs(np.array(patch.candidate.place.A + patch.candidate.place.B))
-        if not len(other):
+        other = patch.candidate.place
+        if not other.A or not (own.A or own.index) or shares_motor(found.candidate, patch.candidate, model):
             return False
-        if not len(own):
-            cable = list(found.candidate.place.index[:1])
-            if not cable or np.any(np.abs(patch.candidate.place.weights(model)[cable]) > 1e-9):
-                return False
-        elif own @ other > 1e-9:
-            return False
-        elif parallel(found.candidate.place.weights(model), patch.candidate.place.weights(model), NEARLY):
+        if own.A and parallel(own.weights(model), other.weights(model), NEARLY):
             return False  # joint 1 and motor 1 of the paper's arm, or a motor that does most of what a joint does
         if found.score.statistic < 0.2 * patch.score.statistic:
             return False

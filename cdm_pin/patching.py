@@ -6,14 +6,13 @@ import numpy as np
 
 from .asked import unnamed
 from .bank import Bank
-from .candidates import Candidate
+from .candidates import Candidate, shares_motor
 from .effects import MAPS
 from .explanation import Explanation, explained
 from .fit import Fit
 from .leaders import STRONG, best_of, leading
 from .leftover import clear_noise
 from .likelihood import gain, likelihood
-from .model import CableModel
 from .patches import MISREAD
 from .search import Search
 from .settling import settled
@@ -40,8 +39,7 @@ def patch(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candida
         rest = [c for c in accepted if not c.meets(added)]
         kept = _worth(search, clear, accepted, rest, added)
         return [*(accepted if kept else rest), added]
-    for place in {(c.place.A, c.place.B): c for c in accepted if c.named and c.place.A}.values():
-        taken = [c for c in accepted if c.meets(place)]
+    for taken in _by_place(accepted):
         rest, without, statistic, old = _given_up(search, clear, accepted, taken)
         for candidate, score, weight in leading(search, without, bank, 2, rest, named=False):
             margin = 0.5 * s.patch_law_error**2 * statistic * (1 if len(taken) < 3 else -1)
@@ -63,20 +61,28 @@ def outdone(search: Search, bank: Bank, accepted: list[Candidate]) -> list[Candi
     """
     if not accepted or not all(c.named for c in accepted):
         return accepted
-    known = likelihood(search, accepted)
-    clear = search.fit(accepted, clear_noise(search, accepted))
-    places = {(c.place.A, c.place.B): c for c in accepted if c.place.A}.values()
-    groups = [[c for c in accepted if c.meets(place)] for place in places]
-    ways: list[tuple[float, list[Candidate]]] = [(0.0, accepted)]
-    for taken in [*groups, *([accepted] if accepted not in groups else [])]:
+    clear, groups = search.fit(accepted, clear_noise(search, accepted)), _by_place(accepted)
+    near = []
+    for taken in groups if accepted in groups else [*groups, accepted]:
         rest, without, _, old = _given_up(search, clear, accepted, taken)
         for candidate, score, weight in leading(search, without, bank, 1, rest, named=False):
-            near = gain(search, without, candidate, score) > NEAR * old
-            if near and is_loud(score) and passes(search, candidate, score, weight, without):
-                instead, worth = [*rest, candidate], known - likelihood(search, rest)
-                margin = ERRS * worth if len(taken) > 1 else max(20.0, OFF * worth)
-                ways.append((likelihood(search, instead) - known - margin, instead))
+            close = gain(search, without, candidate, score) > NEAR * old
+            if close and is_loud(score) and passes(search, candidate, score, weight, without):
+                near.append((rest, [*rest, candidate]))
+    if not near:
+        return accepted
+    known, ways = likelihood(search, accepted), [(0.0, accepted)]
+    for rest, instead in near:
+        worth = known - likelihood(search, rest)
+        margin = ERRS * worth if len(accepted) - len(rest) > 1 else max(20.0, OFF * worth)
+        ways.append((likelihood(search, instead) - known - margin, instead))
     return max(ways, key=lambda way: way[0])[1]
+
+
+def _by_place(accepted: list[Candidate]) -> list[list[Candidate]]:
+    """Give, for the coordinate of every law, what acts along one that shares a joint or a motor with it."""
+    places = {(c.place.A, c.place.B): c for c in accepted if c.named and c.place.A}.values()
+    return [[c for c in accepted if c.meets(place)] for place in places]
 
 
 def _misreading(search: Search, bank: Bank, accepted: list[Candidate], clear: Fit) -> list[Candidate] | None:
@@ -159,17 +165,11 @@ def unpatched(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Se
     left = unnamed(alone, alone.renewed(bank), laws)
     if left is not None:
         fit = alone.fit(laws, clear_noise(alone, laws))
-        own = [j for j, c in enumerate(laws) if _shares_motor(c, left, search.problem.model)]
+        own = [j for j, c in enumerate(laws) if shares_motor(c, left, search.problem.model)]
         worth = [laws[j].effect.error ** 2 * alone.score(alone.without(fit, j), laws[j]).statistic for j in own]
         if alone.score(fit, left).statistic > sum(worth):
             return search, accepted
     return alone, laws
-
-
-def _shares_motor(a: Candidate, patch: Candidate, model: CableModel) -> bool:
-    """Whether an effect acts along the coordinate of a correction without a name, or on its motor's cable."""
-    on_cable = not a.place.A and np.abs(patch.place.weights(model)[list(a.place.index[:1])]) > 1e-9
-    return a.meets(patch) or bool(np.any(on_cable))
 
 
 def renamed(explanation: Explanation) -> Explanation:
@@ -181,12 +181,14 @@ def renamed(explanation: Explanation) -> Explanation:
     for j, found in enumerate(explanation.found):
         if found.candidate.named:
             continue
-        known, rest = (likelihood(explanation.search, e) for e in (accepted, accepted[:j] + accepted[j + 1 :]))
-        least = known - _nearly(known - rest)
         near = [c for c, d in found.rivals if c.named and d > -_nearly(found.gain)][:2]
         if found.score.statistic > STRONG:  # what is left open of a law may also spoil it
             forms = [(c, c.detailed(explanation.search.problem.motions)) for c in near]
             near = [form for c, free in forms for form in ((c,) if free is c else (free, c))]
+        if not near:
+            continue
+        known, rest = (likelihood(explanation.search, e) for e in (accepted, accepted[:j] + accepted[j + 1 :]))
+        least = known - _nearly(known - rest)
         for law in near:
             search, laws = settled(explanation.search, [*accepted[:j], law, *accepted[j + 1 :]], rounds=4)
             bank, without = search.renewed(explanation.bank), search.without(search.fit(laws), j)

@@ -503,7 +503,7 @@ def _beside_lines(search: Search, fit: Fit, lines: set[float]) -> Search:
     return search.at(plain.base[: len(search.base.columns)], own)
 
 
-def _beside(x: Vector, t: Vector, frequency: float) -> float:
+def _usual(x: Vector, t: Vector, frequency: float) -> float:
     """Give how large series (m, n) usually swing at frequencies near one [Hz]: what noise makes there."""
     near = frequency + np.r_[-12:-1, 2:13] * 2.0 / (t[-1] - t[0])
     return float(np.median([np.linalg.norm(x @ np.exp(-2j * np.pi * f * t)) * 2.0 / len(t) for f in near]))
@@ -536,9 +536,8 @@ def swinging_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
                 turn = 2.0 * np.exp(-2j * np.pi * frequency * t)
                 early, late = (e[:, part] @ turn[part] / part.size for part in np.array_split(np.arange(len(t)), 2))
                 size, spread = np.linalg.norm(0.5 * (early + late)), np.linalg.norm(early - late)
-                told_by_motion = size > UNTOLD * _beside(moving, t, frequency)
                 alike = size > 0.5 * np.linalg.norm(y @ turn) / len(t) and spread < 0.5 * size
-                if height > best and alike and told_by_motion:
+                if height > best and alike and size > UNTOLD * _usual(moving, t, frequency):
                     best, told = height, (frequency, 0.5 * (early + late))
     if told is None:
         return None

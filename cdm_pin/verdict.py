@@ -113,6 +113,13 @@ class Verdict:
         """Covariance of the coefficients and the shape of finding `j`."""
         return self.covariance[np.ix_(self.where[j], self.where[j])]
 
+    def motors(self, j: int) -> np.ndarray:
+        """Tell on which motors finding `j` acts all the time, shape (n_motors,); none where it has no coordinate."""
+        candidate = self.fit.effects[j]
+        if candidate.effect.name in ONCE or not candidate.place.A:
+            return np.zeros(self.model.n_motors, bool)
+        return np.abs(candidate.place.weights(self.model)) > 1e-9
+
     def keeping(self, holds: Callable[[int], bool]) -> Verdict:
         """State only those findings for which something holds."""
         return replace(self, stated={j: v for j, v in self.stated.items() if holds(j)})
@@ -145,8 +152,8 @@ def _named(model: CableModel, judge: Search | None, explanation: Explanation, di
     confused = fi.confused_plays(explanation.search, explanation)
     for offset, play in confused.items():
         if offset in fitted and play in fitted:
-            gap = fitted[play]["half_gap"]
-            gap["std"] = float(np.hypot(gap["std"], fitted[offset]["offset"]["value"]))
+            gap, shift = fitted[play]["half_gap"], fitted[offset]["offset"]["value"]
+            fitted[play] = fitted[play] | {"half_gap": gap | {"std": float(np.hypot(gap["std"], shift))}}
 
     def holds(j: int) -> bool:
         candidate, values = found[j].candidate, fitted[j]
@@ -256,17 +263,10 @@ def _drowned(verdict: Verdict) -> Verdict:
     """
     if verdict.everywhere or not verdict.stated:
         return verdict
-    search, explanation, candidates = verdict.search, verdict.explanation, verdict.fit.effects
+    search, explanation = verdict.search, verdict.explanation
     errs = beyond_samples(search, verdict.judge, verdict.fit)
-
-    def drowns(j: int) -> bool:
-        place = candidates[j].place
-        if candidates[j].effect.name in ONCE or not place.A + place.B:
-            return False
-        there = np.abs(place.weights(verdict.model)) @ errs > 0.0
-        return bool(there) and not is_loud_there(search, explanation, j)
-
-    drowning = [j for j in verdict.stated if drowns(j)]
+    there = [j for j in verdict.stated if np.any(errs[verdict.motors(j)] > 0.0)]
+    drowning = [j for j in there if not is_loud_there(search, explanation, j)]
     if not drowning:
         return verdict
     worst = int(np.argmax(errs))
@@ -310,16 +310,13 @@ def _buried(verdict: Verdict) -> Verdict:
     """
     if verdict.everywhere or verdict.unexplained is None or not verdict.stated:
         return verdict
-    search, judge, candidates = verdict.search, verdict.judge, verdict.fit.effects
-    times = times_noise(search, judge, verdict.fit)
+    search, judge, fit = verdict.search, verdict.judge, verdict.fit
+    times = times_noise(search, judge, fit)
 
     def stands(j: int) -> bool:
-        effect, place = candidates[j].effect, candidates[j].place
-        seen = search.problem.kinematic and effect.exact_travel
-        if effect.name in ONCE or seen or not place.A + place.B:
-            return True
-        acts = np.abs(place.weights(verdict.model)) > 1e-9
-        return bool(np.all(times[acts] < BURIED)) or carries(judge or search, verdict.explanation, j)
+        seen = search.problem.kinematic and fit.effects[j].effect.exact_travel
+        calm = seen or bool(np.all(times[verdict.motors(j)] < BURIED))
+        return calm or carries(judge or search, verdict.explanation, j)
 
     return verdict.keeping(stands)
 

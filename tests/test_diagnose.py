@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from trials import rubbed, written_trial
+from trials import rubbed, with_torque, written_trial
 
 from cdm_pin.band import make_band
 from cdm_pin.cli import main
@@ -32,6 +32,15 @@ KEYS = {
 def blind(folder, seed, effects, **options):
     """Draw a trial on the independent plant and load what a user would have."""
     return written_trial(folder, seed, effects=effects, n_links=2, duration=40.0, **options)
+
+
+def strange(folder, seed, name, bits):
+    """Draw an effect of no catalogue, of that name, and diagnose it: the truth about it, and what is said."""
+    options = {"effects": 1, "at_least": 50.0, "out_of_catalogue": True}
+    model, runs, unseen, truth, _ = written_trial(folder, seed, bits=bits, **options)
+    (effect,) = truth["effects"]
+    assert effect["effect"] == name
+    return effect, diagnose(model, runs, unseen).content
 
 
 def names(finding):
@@ -122,11 +131,7 @@ def test_unknown_physics_gets_no_name(tmp_path):
 
 def test_what_takes_little_of_a_motor_whose_error_no_sensor_has_gets_no_name(tmp_path):
     """An amplifier with a dead band: offset and gain of that motor describe some of it, and have no name there."""
-    options = {"effects": 1, "bits": 14, "at_least": 50.0, "out_of_catalogue": True}
-    model, runs, unseen, truth, _ = written_trial(tmp_path, 155547814008474, **options)
-    (effect,) = truth["effects"]
-    assert effect["effect"] == "amplifier_dead_band"
-    content = diagnose(model, runs, unseen).content
+    effect, content = strange(tmp_path, 155547814008474, "amplifier_dead_band", bits=14)
     assert content["verdict"] == "unexplained"
     assert content["findings"] == []
     assert content["unexplained"]["location"] == effect["location"]
@@ -138,8 +143,7 @@ def test_a_line_above_the_band_is_said_and_placed(tmp_path):
     swung = []
     for run in (*runs, *unseen):
         swing = 0.3 * np.sin(2 * np.pi * 6.3 * run.time)[:, None] * model.joint_from_motor[1]
-        torque = {"motor_torque": run.channels["motor_torque"] + swing}
-        swung.append(Recording(run.time, run.channels | torque, label=run.label))
+        swung.append(with_torque(run, run.channels["motor_torque"] + swing))
     content = diagnose(model, swung[:-1], swung[-1:]).content
     assert content["data"]["band"][1] < 6.0
     assert content["verdict"] == "unexplained"
@@ -295,7 +299,7 @@ def test_three_effects_are_told_apart(tmp_path, seed, bits):
     assert result.all_right, (result.meetings, result.false_findings)
 
 
-def remembering(t, v, size=0.05, grows=0.4, fades=1.5):
+def remembering(t, v, size, grows=0.4, fades=1.5):
     """Give a friction that grows after each reversal and then fades, as no law of the catalogue does."""
     way = np.where(v < 0.0, -1.0, 1.0)
     turns = np.r_[0, np.flatnonzero(np.diff(way)) + 1]
@@ -323,7 +327,7 @@ def test_a_torque_of_its_own_frequency_is_heard_in_half_a_minute(tmp_path):
     def humming(run):
         torque = run.channels["motor_torque"].copy()
         torque[:, 2] += 0.3 * torque[:, 2].std() * np.sin(2 * np.pi * 1.37 * run.time)
-        return Recording(run.time, run.channels | {"motor_torque": torque}, label=run.label)
+        return with_torque(run, torque)
 
     content = diagnose(model, [humming(run) for run in runs], [humming(run) for run in unseen]).content
     assert content["verdict"] == "unexplained"
@@ -363,11 +367,7 @@ def test_a_motor_ripples_a_whole_number_of_times_a_turn(tmp_path):
 
 def test_what_acts_on_a_motor_whose_error_stays_huge_is_not_sure(tmp_path):
     """A spring between two joints, of no catalogue: most of it is like one at joint 1, and far too much is left."""
-    options = {"effects": 1, "bits": 17, "at_least": 50.0, "out_of_catalogue": True}
-    model, runs, unseen, truth, _ = written_trial(tmp_path, 130362614262690, **options)
-    (effect,) = truth["effects"]
-    assert effect["effect"] == "cross_spring"
-    content = diagnose(model, runs, unseen).content
+    _, content = strange(tmp_path, 130362614262690, "cross_spring", bits=17)
     assert content["verdict"] == "unexplained"
     assert content["findings"] == []
 
@@ -380,7 +380,7 @@ def test_what_every_drive_is_late_by_is_no_fault(tmp_path, lag, said):
 
     def late(run):
         torque = [np.interp(run.time - lag, run.time, x) for x in run.channels["motor_torque"].T]
-        return Recording(run.time, run.channels | {"motor_torque": np.transpose(torque)}, label=run.label)
+        return with_torque(run, np.transpose(torque))
 
     content = diagnose(model, [late(run) for run in runs], [late(run) for run in unseen]).content
     assert [finding["effect"] for finding in content["findings"]] == said

@@ -29,7 +29,12 @@ def rubbed(model, run, joint, friction):
     """Add to the torques of a recording friction of a joint, a function of time and velocity."""
     v = np.gradient(savgol_filter(run.channels["joint_position"][:, joint - 1], 31, 3), run.time)
     torque = friction(run.time - run.time[0], v)[:, None] * model.joint_from_motor[joint - 1]
-    return Recording(run.time, run.channels | {"motor_torque": run.channels["motor_torque"] + torque}, label=run.label)
+    return with_torque(run, run.channels["motor_torque"] + torque)
+
+
+def with_torque(run, torque):
+    """Give a recording with other torques of its motors."""
+    return Recording(run.time, run.channels | {"motor_torque": torque}, label=run.label)
 
 
 def search_of(model, recording, band=None):
