@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -299,16 +300,21 @@ def twins(candidate: Candidate, model: CableModel) -> list[Place]:
 
 
 def at_known_place(candidate: Candidate, model: CableModel, alike: float = 0.9995) -> Candidate:
-    """Give two motors' coordinate the name of a joint, a motor or a cable where it is the same within 3 %."""
+    """Give two motors' coordinate the name of a joint, a motor or a cable where it is the same within 3 %.
+
+    Dry friction along that of a cable on the guides of a link is the cable's.
+    """
     if not candidate.place.is_pair:
         return candidate
     pair, shape = paired(candidate.place, candidate.shape)
-    w, possible = np.array(pair.B), candidate.effect.places(model)
-    for place in rub_places(model):
+    w, laws = np.array(pair.B), [candidate.effect]
+    if candidate.effect.name == "coulomb_friction":
+        laws.append(CATALOGUE["cable_friction"])
+    for law, place in itertools.product(laws, rub_places(model)):
         own = place.weights(model)
-        if place in possible and parallel(own, w, alike):
+        if place in law.places(model) and parallel(own, w, alike):
             scale = float(np.linalg.norm(own) / np.linalg.norm(w))
-            return replace(candidate, place=place, shape=(*(x * scale for x in shape[:1]), *shape[1:]))
+            return replace(candidate, effect=law, place=place, shape=(*(x * scale for x in shape[:1]), *shape[1:]))
     return candidate
 
 

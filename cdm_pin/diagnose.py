@@ -21,7 +21,7 @@ from .explain import explain
 from .explanation import Explanation, Found
 from .geometry import Manipulator
 from .judging import judge_of, sized, validated
-from .leftover import left_over
+from .leftover import errs_at_rest, left_over
 from .likelihood import likelihood
 from .masses import about
 from .model import CableModel
@@ -125,9 +125,12 @@ def diagnose(
         return Diagnosis(insufficient_content(problem, reason), model, model.manipulator)
     base = base_parameters(model, columns=massive_columns(model))
     search = Search(problem, base, settings)
+    if problem.partly and not errs_at_rest(search):
+        problem = problem.judged_throughout()
+        search = Search(problem, base, settings)
     search = about(search, search.fit([]))
     first = _beside_drifts(search, progress)
-    seen = make_problem(model, unseen, problem.band, len(recordings)) if unseen else None
+    seen = make_problem(model, unseen, problem.band, len(recordings), problem.resting) if unseen else None
     soft = _swinging(Search(problem, base, settings), seen, first, progress)
     judge, explanation = validated(seen, soft)
     if explanation.search.problem.swings:
@@ -164,7 +167,7 @@ def _is_disputed(first: Explanation, explanation: Explanation) -> bool:
     if first.everywhere:
         return False
     lost = any(f.candidate not in explanation.fit.effects and is_loud(f.score) for f in first.found)
-    rough = explanation.fit.deviance > 2.0 * explanation.fit.n_rows  # bursts that no estimate of the noise has in it
+    rough = explanation.fit.deviance > 2.0 * explanation.fit.n_judged  # bursts that no estimate of the noise has in it
     return lost or rough or is_far(explanation.search, explanation.fit)
 
 

@@ -237,4 +237,4 @@ def quicker_drifts(search: Search, fit: Fit) -> Vector:
     values, vectors = np.linalg.eigh(left @ left.T)
     seen = values > 1e-9 * np.max(values, initial=0.0)
     rows = (vectors[:, seen] / np.sqrt(values[seen])).T @ left
-    return np.sqrt(fit.n_rows) * rows
+    return np.sqrt(fit.n_judged) * rows

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import f as f_distribution
 
 from .geometry import Vector
-from .whitening import Segments
+from .whitening import Segments, live_in
 
 ALARM = 1e-3
 """Probability of seeing a wander in noise that has none."""
@@ -123,33 +123,46 @@ def drifting_channels(
     sampled : ndarray, shape (n_motors,) or float
         Noise of single samples of each torque.
     """
-    power, total, room, count = np.zeros((n_motors, 2)), np.zeros(n_motors), np.zeros((n_motors, 2)), 0
+    power, room = np.zeros((2, n_motors, 2))
+    total, count = np.zeros((2, n_motors))
     for e, q, run in zip(residuals, basis, segments, strict=True):
         for a, b in run:
             n = b - a
             if n < 0.5 * e.shape[1]:
                 continue
-            slow = slow_shapes(n, rate, LONG, quicker)
-            Q = np.linalg.qr(np.concatenate([np.ones((1, n)), slow]).T)[0]
-            t = np.arange(n) / rate
-            top = len(slow) // 2 / (LONG * max(t[-1], 40.0))  # the quickest of the slow ones
-            near = np.arange(1.5 * top, 6.0 * top, 0.5 / t[-1])
-            phase = 2 * np.pi * np.outer(t, near)
-            R = np.linalg.qr(np.concatenate([Q, np.cos(phase), np.sin(phase)], axis=1))[0][:, Q.shape[1] :]
-            x = e[:n_motors, a:b]
-            count += n
-            total += np.sum((x - x.mean(axis=1, keepdims=True)) ** 2, axis=1)
+            live, x = live_in(run), e[:n_motors, a:b]
+            known = None
             for c in range(n_motors):
-                for k, U in enumerate((Q[:, -2:] if quicker else Q[:, 1:], R)):
-                    power[c, k] += float(np.sum((x[c] @ U) ** 2))
-                    room[c, k] += U.shape[1] - float(np.sum((q[:, c, a:b] @ U) ** 2))
+                kept = np.ones(n, bool) if live is None else live[c, a:b]
+                if known is None or live is not None:
+                    known = _waves(n, rate, quicker, kept)
+                total[c] += np.sum((x[c, kept] - x[c, kept].mean()) ** 2)
+                count[c] += kept.sum()
+                for k, U in enumerate(known):
+                    power[c, k] += float(np.sum((x[c, kept] @ U) ** 2))
+                    room[c, k] += U.shape[1] - float(np.sum((q[:, c, a:b][:, kept] @ U) ** 2))
     room = np.maximum(room, 1.0)
     ratio = (power[:, 0] / room[:, 0]) / np.maximum(power[:, 1] / room[:, 1], 1e-300)
     sure, likely = (f_distribution.isf(p / n_motors, room[:, 0], room[:, 1]) for p in (ALARM, 100 * ALARM))
-    rest = np.maximum(total - power[:, 0], 0.0) / max(count, 1)
+    rest = np.maximum(total - power[:, 0], 0.0) / np.maximum(count, 1)
     slow = power[:, 0] < count * faint(rest, sampled)
     seen = np.any((ratio > (likely if quicker else sure)) & slow)
     return [int(c) for c in np.flatnonzero((ratio > likely) & slow)] if seen else []
+
+
+def _waves(n: int, rate: float, quicker: int, kept: np.ndarray) -> tuple[Vector, Vector]:
+    """Give orthonormal slow shapes, the quickest of them alone if any is, and waves of the frequencies next to theirs.
+
+    Over those of `n` samples that are kept, shape (n_kept, any) each.
+    """
+    slow = slow_shapes(n, rate, LONG, quicker)
+    Q = np.linalg.qr(np.concatenate([np.ones((1, n)), slow]).T[kept])[0]
+    t = np.arange(n) / rate
+    top = len(slow) // 2 / (LONG * max(t[-1], 40.0))  # the quickest of the slow ones
+    near = np.arange(1.5 * top, 6.0 * top, 0.5 / t[-1])
+    phase = 2 * np.pi * np.outer(t[kept], near)
+    R = np.linalg.qr(np.concatenate([Q, np.cos(phase), np.sin(phase)], axis=1))[0][:, Q.shape[1] :]
+    return (Q[:, -2:] if quicker else Q[:, 1:]), R
 
 
 def faint(rest: Vector, sampled: Vector | float) -> Vector:
@@ -159,9 +172,16 @@ def faint(rest: Vector, sampled: Vector | float) -> Vector:
 
 def without_drift(errors: Vector, run: Segments, shapes: Vector) -> Vector:
     """Take slow shapes (n_shapes, n) out of errors (n_channels, n) by least squares over the segments of a run."""
-    inside = np.zeros(errors.shape[1], bool)
+    inside, live = np.zeros(errors.shape[1], bool), live_in(run, slice(len(errors)))
     for a, b in run:
         inside[a:b] = True
+    if live is not None:
+        rows = zip(errors, live, strict=True)
+        return np.concatenate([_without(e[None], inside & own, shapes) * own for e, own in rows])
+    return _without(errors, inside, shapes)
+
+
+def _without(errors: Vector, inside: np.ndarray, shapes: Vector) -> Vector:
     if inside.sum() <= len(shapes):
         return errors
     theta = np.linalg.lstsq(shapes[:, inside].T, errors[:, inside].T, rcond=None)[0]

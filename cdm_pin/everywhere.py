@@ -54,7 +54,7 @@ def rubs_everywhere(search: Search, bank: Bank, found: Sequence[Candidate], leas
     clear = clear_noise(search, [*found, *common])
     whole = search.fit([*found, *common], clear).deviance
     alone = search.fit(all_found, clear)
-    if alone.deviance < whole + LOUD and alone.deviance < alone.n_rows + 4.0 * np.sqrt(2.0 * alone.n_rows):
+    if alone.deviance < whole + LOUD and alone.deviance < alone.n_judged + 4.0 * np.sqrt(2.0 * alone.n_judged):
         return False  # what was found is all
     worth = []
     for place in axes:
@@ -208,7 +208,7 @@ def sprung(search: Search, effects: list[Candidate]) -> list[Candidate]:
                 score = search.score(without, spring)
                 if not _restores(search, spring, score.beta):
                     continue
-                gain = score.statistic - (without.deviance - fit.deviance) - np.log(fit.n_rows) * (score.k - 1)
+                gain = score.statistic - (without.deviance - fit.deviance) - np.log(fit.n_judged) * (score.k - 1)
                 if gain > max(150.0, best[0] if best else 0.0):
                     best = gain, [*rest, spring]
         if best is None:
@@ -385,7 +385,7 @@ class _Unseen:
         white = judge.white(fit.whitener, banks)
         inside = [bank[..., a:b] for bank, run in zip(banks, judge.problem.segments, strict=True) for a, b in run]
         plain = np.concatenate(inside, axis=2) / levels[None, :, None]
-        return cls(white, plain.reshape(len(plain), -1), white.shape[1] / max(fit.n_rows, 1))
+        return cls(white, plain.reshape(len(plain), -1), white.shape[1] / max(fit.n_judged, 1))
 
     def errors(self, values: np.ndarray) -> tuple[float, float]:
         """Sum the squares of what parameters leave over, whitened and plain."""

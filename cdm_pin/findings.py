@@ -18,6 +18,7 @@ from .effect import Columns, Effect
 from .effects import CATALOGUE, MAPS
 from .explanation import Explanation, Found
 from .fit import Fit, own_covariance
+from .friction_effects import peaks_by_its_sign
 from .geometry import Vector
 from .leaders import POSTURE
 from .likelihood import evidence, likeliest
@@ -193,7 +194,12 @@ def held(search: Search, candidate: Candidate) -> float:
     """Give the share of the time in which what rubs stands still while the rest may move: friction is then anything."""
     if not candidate.effect.name.endswith("_friction"):
         return 0.0
-    speeds = [candidate.place.along(motion.joint_speeds, motion.v_m) for motion in search.problem.motions]
+    own, speeds = candidate.place.weights(search.problem.model) != 0.0, []
+    for run in search.problem.runs:
+        speed = candidate.place.along(run.motion.joint_speeds, run.motion.v_m)
+        if run.judged is not None:
+            speed = speed[np.repeat(run.judged[own].any(axis=0), search.problem.band.step)[: len(speed)]]
+        speeds.append(speed)
     v = np.abs(np.concatenate(speeds))
     return float(np.mean(v < STILL * np.sqrt(np.mean(v**2))))
 
@@ -609,6 +615,8 @@ def is_plainer(search: Search, without: Fit, own: Candidate, rival: Candidate) -
     if own.location != rival.location or search.size(rival) <= search.size(own):
         return False
     scores = [search.score(without, candidate) for candidate in (own, rival)]
+    if rival.effect.name == "stribeck_friction" and peaks_by_its_sign(scores[0].beta, own.shape, own.detail):
+        return False
     ours, theirs = (search.white(without.whitener, search.columns(candidate)) for candidate in (own, rival))
     torque = scores[0].beta @ ours
     size = float(np.linalg.norm(torque))

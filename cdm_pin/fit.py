@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -32,6 +33,11 @@ class Body:
     inverse: Vector
     data: Vector
     residual: Vector
+
+    @cached_property
+    def n_judged(self) -> int:
+        """Whitened samples that are not zero."""
+        return int(np.count_nonzero(self.data))
 
 
 @dataclass(frozen=True)
@@ -76,6 +82,11 @@ class Fit:
     def n_rows(self) -> int:
         """Whitened samples of all channels."""
         return len(self.residual)
+
+    @property
+    def n_judged(self) -> int:
+        """Those of them by which channels are judged."""
+        return self.body.n_judged if self.problem.partly else self.n_rows
 
     @property
     def deviance(self) -> float:

@@ -86,6 +86,11 @@ def extremes(beta: Vector, shape: Shape, detail: float) -> tuple[float, float]:
     return float(law.min()), float(law.max())
 
 
+def peaks_by_its_sign(beta: Vector, shape: Shape, detail: float, most: float = 0.2) -> bool:
+    """Whether what dry friction leaves open about its sign rises far above it, as no blurred or smooth sign does."""
+    return bool(detail) and extremes(beta, shape, detail)[1] >= 1.0 + most
+
+
 def has_peak(beta: Vector, shape: Shape, detail: float) -> bool:
     """Whether friction rises towards standstill, and no more than it may."""
     least, peak = extremes(beta, shape, detail)

@@ -91,7 +91,7 @@ def _sided(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Searc
     def judged(effects: list[Candidate], rounds: int = 2) -> tuple[float, Search, list[Candidate]]:
         there, effects = in_turn(search, effects, whitener, rounds)
         fit = there.fit(effects, whitener)
-        return fit.deviance + np.log(fit.n_rows) * there.size(*effects), there, effects
+        return fit.deviance + np.log(fit.n_judged) * there.size(*effects), there, effects
 
     model, best = search.problem.model, None
     for j, candidate in enumerate(accepted):

@@ -8,17 +8,19 @@ import numpy as np
 
 from .bank import all_candidates
 from .candidates import Candidate
-from .fit import Fit
+from .fit import Fit, least_squares
 from .geometry import Vector
 from .patches import TONE
 from .recent import kept, lasting
 from .search import Search, key_of
 from .shapes import shape_slopes
 from .spectra import Spectrum, spectrum, stands_out, tone_peaks, whitener_of
-from .whitening import Whitener, inside_of, log_p, put_back, quiet_segments
+from .whitening import Whitener, blanked, inside_of, log_p, put_back, quiet_segments
 
 SHORT = 128
 """Samples of a stretch from which on lines are looked for in its spectrum."""
+AT_REST = 1.5
+"""How many times its error in motion that of a motor at rest is from which on it is no noise."""
 OWN = 0.02
 """Share of the torque at a frequency that a disturbance there makes at least."""
 
@@ -69,7 +71,7 @@ def plain_rest(
         banks.append(np.concatenate([*parts, search.nominal[r][None]]))
     ends = [bank.shape[2] for bank in banks]
     for r, run in enumerate(search.problem.segments):  # there are many columns: no more copies than one at a time
-        banks[r] = inside_of(banks[r], run)
+        banks[r] = inside_of(blanked(banks[r], run), run)
     shapes = [bank.shape[1:] for bank in banks]
     W = np.concatenate([b.reshape(len(b), -1) for b in banks], axis=1)
     level = np.concatenate([np.repeat(1 / np.diag(search.plain.mix), n) for _, n in shapes])
@@ -91,6 +93,29 @@ def plain_rest(
         basis.append(put_back(Q[:, first : first + size].reshape(len(Q), *shape), run, n))
         first += size
     return residuals, basis
+
+
+def errs_at_rest(search: Search) -> bool:
+    """Whether a motor errs far more while an axis rests than else, as where friction holds what the motors leave it.
+
+    Rigid body and what most machines have are fitted where motors are judged. Where nothing rubs, all samples tell.
+    """
+    common = [search.columns(c) for c in search.common]
+    banks = [
+        np.concatenate([search.rigid[r], *[x[r] for x in common], nominal[None]])
+        for r, nominal in enumerate(search.nominal)
+    ]
+    runs, m = search.problem.segments, search.problem.model.n_motors
+    ones = [np.ones(bank.shape[1:]) for bank in banks]
+    parts = [inside_of(blanked(x, run)[:m], run) for x, run in zip(ones, runs, strict=True)]
+    inside = [inside_of(bank[:, :m], run) for bank, run in zip(banks, runs, strict=True)]
+    W, counted = np.concatenate(inside, axis=2), np.concatenate(parts, axis=1)
+    W = W * np.diag(search.plain.mix)[None, :m, None]
+    rows = (W * counted).reshape(len(W), -1)
+    theta = least_squares(rows[:-1], rows[-1])[0]
+    squares = (W[-1] - np.tensordot(theta, W[:-1], 1)) ** 2
+    moving, resting = (np.sum(squares * x, axis=1) / np.maximum(x.sum(axis=1), 1.0) for x in (counted, 1.0 - counted))
+    return bool(np.any(resting > AT_REST**2 * moving))
 
 
 def clear_noise(search: Search, effects: Sequence[Candidate]) -> Whitener:

@@ -25,7 +25,7 @@ ODD = 4.0
 def likelihood(search: Search, effects: Sequence[Candidate]) -> float:
     """Give the log-likelihood of effects in the noise that suits them best, less half of BIC's penalty."""
     noise, size = search.noise(effects), search.size(*effects) + len(search.problem.states[0]) + search.n_rigid
-    return log_likelihood(noise, search.problem.segments) - 0.5 * np.log(search.fit(effects, noise).n_rows) * size
+    return log_likelihood(noise, search.problem.segments) - 0.5 * np.log(search.fit(effects, noise).n_judged) * size
 
 
 def likelihood_ratio(
@@ -99,7 +99,7 @@ def likeliest(search: Search, fit: Fit, candidate: Candidate, score: Score | Non
 
 def gain(search: Search, fit: Fit, candidate: Candidate, score: Score) -> float:
     """Give the log-likelihood gained less half of BIC's penalty."""
-    return 0.5 * score.statistic - 0.5 * np.log(fit.n_rows) * (score.k + candidate.extra)
+    return 0.5 * score.statistic - 0.5 * np.log(fit.n_judged) * (score.k + candidate.extra)
 
 
 def evidence(search: Search, without: Fit, candidate: Candidate, size: float) -> float:

@@ -103,7 +103,7 @@ def _given_up(
     rest = [c for c in accepted if c not in taken]
     without = search.fit(rest, clear.whitener)
     statistic = without.deviance - clear.deviance
-    return rest, without, statistic, 0.5 * statistic - 0.5 * np.log(clear.n_rows) * search.size(*taken)
+    return rest, without, statistic, 0.5 * statistic - 0.5 * np.log(clear.n_judged) * search.size(*taken)
 
 
 def _worth(search: Search, clear: Fit, accepted: list[Candidate], rest: list[Candidate], patch: Candidate) -> bool:
@@ -147,7 +147,7 @@ def beside_looser(
         fewer = search.size(*patched) - there.size(*laws)
         without = there.without(fit, len(laws) - 1)
         stands = holds(there, laws[-1], there.score(without, laws[-1]), without)
-        if stands and other.deviance - fit.deviance + np.log(fit.n_rows) * fewer > 0.0:
+        if stands and other.deviance - fit.deviance + np.log(fit.n_judged) * fewer > 0.0:
             return there, laws
     return None
 

@@ -13,7 +13,7 @@ from .drifting import still
 from .effects import CATALOGUE
 from .explanation import Explanation, estimated, explained, unsound, with_effects
 from .fit import Fit, own_covariance
-from .friction_effects import extremes
+from .friction_effects import peaks_by_its_sign
 from .leaders import UNLIKELIER, drives, same_width
 from .likelihood import REFINING, evidence, gain, has_ratio, likeliest
 from .patches import REPELS
@@ -52,10 +52,30 @@ def plainer(explanation: Explanation, equal: float = 1.0) -> Explanation:
                 continue
             fit = search.fit(trial, whitener)
             fewer = search.size(*accepted) - search.size(*trial)
-            more = 0.5 * (explanation.fit.deviance - fit.deviance + np.log(fit.n_rows) * fewer)
+            more = 0.5 * (explanation.fit.deviance - fit.deviance + np.log(fit.n_judged) * fewer)
             if more > best:
                 best, chosen = more, trial
+    for trial in _evened(accepted, explanation):
+        fit = search.fit(trial, whitener)
+        fewer = search.size(*accepted) - search.size(*trial)
+        more = 0.5 * (explanation.fit.deviance - fit.deviance + np.log(fit.n_judged) * fewer)
+        sound = all(c.is_plausible(b, trial) for c, b in zip(fit.effects, fit.beta, strict=True))
+        if sound and more > best:
+            best, chosen = more, trial
     return explanation if chosen is accepted else explained(search, explanation.bank, chosen)
+
+
+def _evened(accepted: list[Candidate], explanation: Explanation) -> list[list[Candidate]]:
+    """Give explanations by dry friction and a constant torque on one motor where several axes rub unequally.
+
+    What they rub unequally by may cancel on all motors but one.
+    """
+    uneven = [c for c in accepted if c.effect.name == "asymmetric_friction"]
+    taken = {c.key for c in accepted}
+    if len(uneven) < 2 or any(c.dry.key in taken for c in uneven):
+        return []
+    offsets = [c for c in explanation.bank.laws.candidates if c.effect.name == "torque_offset" and c.key not in taken]
+    return [[*(c.dry if c in uneven else c for c in accepted), offset] for offset in offsets]
 
 
 def placed(explanation: Explanation) -> Explanation:
@@ -78,7 +98,7 @@ def whole(explanation: Explanation) -> Explanation:
             turns = max(round(law.shape[0]), 1)
             even = [*laws[:j], replace(law, shape=(float(turns), *law.shape[1:])), *laws[j + 1 :]]
             fit, its = explanation.fit, explanation.search.fit(even, explanation.fit.whitener)
-            if its.deviance - fit.deviance < np.log(fit.n_rows):  # what an order that is free has to be worth
+            if its.deviance - fit.deviance < np.log(fit.n_judged):  # what an order that is free has to be worth
                 laws = even
     same = laws == [f.candidate for f in explanation.found]
     return explanation if same else explained(explanation.search, explanation.bank, laws)
@@ -92,7 +112,10 @@ def simplest(explanation: Explanation, spoilt: frozenset[tuple[str, str]] = froz
     """
     accepted = [f.candidate for f in explanation.found]
     for j in range(len(accepted)):
-        accepted[j] = _simplest_at(explanation, j, spoilt.union(c.key for c in accepted))
+        taken = spoilt.union(c.key for c in accepted)
+        chosen = _simplest_at(explanation, j, taken)
+        known = at_known_place(chosen, explanation.search.problem.model)
+        accepted[j] = chosen if known.key in taken - {accepted[j].key} else known
     simpler = estimated(explanation, accepted)
     worse = unsound(simpler, explanation)
     return simplest(explanation, spoilt | worse) if worse else simpler
@@ -209,7 +232,7 @@ def _is_all_but_errors(search: Search, without: Fit, own: Candidate, rival: Cand
     return bool(np.linalg.norm(rms(search, apart)) < WRONG * np.linalg.norm(rms(search, law)))
 
 
-def peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
+def peaked(explanation: Explanation) -> Explanation:
     """Let friction be Stribeck's where what dry friction leaves open about its sign rises far above it.
 
     A sign that is blurred or smooth does not. The peak has to explain as much in its place, and more than dry friction
@@ -219,8 +242,8 @@ def peaked(explanation: Explanation, most: float = 0.2) -> Explanation:
     accepted = [f.candidate for f in explanation.found]
     places = [place.location for place in law.places(search.problem.model)]
     for j, (candidate, found) in enumerate(zip(accepted, explanation.found, strict=True)):
-        dry = candidate.effect.name == "coulomb_friction" and candidate.detail and candidate.place.location in places
-        if not dry or extremes(explanation.fit.beta[j], candidate.shape, candidate.detail)[1] < 1.0 + most:
+        dry = candidate.effect.name == "coulomb_friction" and candidate.place.location in places
+        if not dry or not peaks_by_its_sign(explanation.fit.beta[j], candidate.shape, candidate.detail):
             continue
         without, grid = search.without(explanation.fit, j), law.grid(search.problem.motions, candidate.place)
         trials = [Candidate(law, candidate.place, (candidate.shape[0], *shape[1:])) for shape in grid]

@@ -94,7 +94,7 @@ def _leans_on(search: Search, whitener: Whitener, before: list[Candidate], after
         return False
     there = about(search, search.fit(after, whitener))
     old, new = search.fit(before, whitener), there.fit(after, whitener)
-    penalty = np.log(old.n_rows) * (search.size(*after) - search.size(*before))
+    penalty = np.log(old.n_judged) * (search.size(*after) - search.size(*before))
     return new.deviance + penalty > old.deviance + 10.0
 
 
@@ -108,7 +108,7 @@ def _merge(search: Search, bank: Bank, accepted: list[Candidate], whitener: Whit
         others = list(without.effects)
         pair = without.deviance - search.fit(accepted, whitener).deviance
         k = sum(search.score(without, c).k + c.extra for c in (accepted[i], accepted[j]))
-        both = 0.5 * pair - 0.5 * np.log(without.n_rows) * k
+        both = 0.5 * pair - 0.5 * np.log(without.n_judged) * k
         leaders = leading(search, without, bank, 4, others, instead=[accepted[i], accepted[j]])
         single = best_of(search, without, [c for c, _, _ in leaders])
         if single is None:
@@ -125,7 +125,7 @@ def _merge(search: Search, bank: Bank, accepted: list[Candidate], whitener: Whit
 def _split(search: Search, bank: Bank, accepted: list[Candidate], whitener: Whitener) -> list[Candidate]:
     """Put two effects in the place of one that stood for both, where it and any next one explain less."""
     whole = search.fit(accepted, whitener)
-    reached = whole.deviance < whole.n_rows + 4.0 * np.sqrt(2.0 * whole.n_rows)
+    reached = whole.deviance < whole.n_judged + 4.0 * np.sqrt(2.0 * whole.n_judged)
     for j, old in enumerate(accepted):
         if not old.named or (reached and search.size(old) < 3):
             continue

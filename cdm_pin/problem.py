@@ -22,7 +22,8 @@ from .regressor import motor_regressor
 from .sensor_noise import SensorNoise, inertia_limit, inertia_noise, motion_limit, position_noise, speeds, travel_noise
 from .signals import Signals, decimated, prepare, read_grid
 from .signals_filters import differentiate, lowpass
-from .whitening import Lines, Segments
+from .standstill import judged, resting_axes
+from .whitening import Lines, Segments, Stretches
 
 MARGIN = 1.5
 """How far above the frequency where accelerations drown in noise they are still taken."""
@@ -47,6 +48,8 @@ class Run:
         What the mean of each travel counts for, 0 to 1; default 1.
     shares : ndarray, shape (n,), optional
         What each sample counts for in that mean.
+    judged : ndarray of bool, shape (n_motors, n_reduced), optional
+        By which samples in the band each torque is judged; default all.
     """
 
     signals: Signals
@@ -54,6 +57,7 @@ class Run:
     data: Vector
     sure: Vector | None = None
     shares: Vector | None = None
+    judged: np.ndarray | None = None
 
     def without_mean(self, travel: Vector) -> Vector:
         """Take from travels, shape (..., n_motors, n), that share of their mean which rounding may have made."""
@@ -108,6 +112,8 @@ class Problem:
         Effects with coefficients whose torques are in the motions.
     bearings : CableModel, optional
         With the masses that load the hinges, where these are others than the model's (`Motion.bearings`).
+    resting : frozenset of int
+        Axes that rest now and then, and are not judged while they do (`standstill`).
     """
 
     model: CableModel
@@ -118,6 +124,7 @@ class Problem:
     sensors: SensorNoise
     loads: tuple[tuple[Candidate, Vector], ...] = ()
     bearings: CableModel | None = None
+    resting: frozenset[int] = frozenset()
 
     @property
     def n_channels(self) -> int:
@@ -137,8 +144,24 @@ class Problem:
 
     @cached_property
     def segments(self) -> list[Segments]:
-        """Per run the stretches without gaps."""
-        return [self.band.segments(run.signals.valid) for run in self.runs]
+        """Per run the stretches without gaps; where axes rest now and then, with what each channel is judged by."""
+        return [self._stretches(run) for run in self.runs]
+
+    def _stretches(self, run: Run) -> Segments:
+        bounds = self.band.segments(run.signals.valid)
+        if run.judged is None:
+            return bounds
+        further = np.ones((self.n_channels - len(run.judged), run.judged.shape[1]), bool)
+        return Stretches(bounds, np.concatenate([run.judged, further]))
+
+    def judged_throughout(self) -> Problem:
+        """Give the same problem with all samples judged, those at rest as well."""
+        return replace(self, runs=tuple(replace(run, judged=None) for run in self.runs), resting=frozenset())
+
+    @property
+    def partly(self) -> bool:
+        """Whether some samples of some channels are not judged."""
+        return any(run.judged is not None for run in self.runs)
 
     @property
     def sensed(self) -> Vector:
@@ -311,11 +334,16 @@ class Problem:
 
 
 def make_problem(
-    model: CableModel, recordings: Sequence[Recording], band: Band | None = None, first: int = 0
+    model: CableModel,
+    recordings: Sequence[Recording],
+    band: Band | None = None,
+    first: int = 0,
+    resting: frozenset[int] = frozenset(),
 ) -> Problem:
     """Prepare recordings and choose the band in which motion and torque are both known.
 
-    What happens once happens on the recording of one number; those of others start at `first`.
+    What happens once happens on the recording of one number; those of others start at `first`. Axes that rest now and
+    then on other recordings (`Problem.resting`) are not judged where they rest on these.
 
     Raises
     ------
@@ -338,8 +366,13 @@ def make_problem(
         thin = _thinned(band)
         runs = [_run(model, s, band, torque, kinematic, i) for i, s in enumerate(ready, first)]
         runs = [_without_means(_thinned_run(run, thin), thin) for run in runs]
+        axes = resting
+        if torque:
+            axes = axes.union(*(resting_axes(run.motion, run.signals.valid, thin.rate) for run in runs))
+            runs = [replace(run, judged=judged(run.motion, run.signals.valid, thin, axes)) for run in runs]
         sensors = SensorNoise(model, tuple(ready), band)
-        return Problem(model, tuple(run.with_model(model) for run in runs), thin, torque, kinematic, sensors)
+        runs = tuple(run.with_model(model) for run in runs)
+        return Problem(model, runs, thin, torque, kinematic, sensors, resting=axes)
 
     known = _heard(model, signals, chosen) if torque else np.inf
     problem = made(replace(chosen, slow=known))

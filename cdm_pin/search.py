@@ -22,7 +22,7 @@ from .problem import Problem
 from .recent import Recent, lasting
 from .scores import Score, scored
 from .settings import Settings
-from .whitening import Segments, Whitener, fit_quiet
+from .whitening import Segments, Whitener, blanked, counts, fit_quiet, live_in
 
 _LARGE = 2e9  # bytes of whitened banks that are kept
 
@@ -235,7 +235,10 @@ class Search:
             for _ in range(rounds):
                 W = self.white(whitener, banks, quiet)
                 theta = least_squares(W[:-1], W[-1])[0]
-                residuals = [bank[-1] - np.tensordot(theta, bank[:-1], 1) for bank in banks]
+                residuals = [
+                    blanked(bank[-1] - np.tensordot(theta, bank[:-1], 1), run)
+                    for bank, run in zip(banks, self.problem.segments, strict=True)
+                ]
                 whitener, quiet = fit_quiet(residuals, self.problem.segments, self.settings.order, blocks)
             self._noise[key] = whitener
         return self._noise[key]
@@ -310,14 +313,19 @@ def errors(search: Search, base: Vector, effects: Sequence[Candidate], beta: Seq
         e = nominal - np.tensordot(base, rigid, 1)
         for columns, b in zip(own, beta, strict=True):
             e = e - np.tensordot(b, columns[r], 1)
-        out.append(e)
+        out.append(blanked(e, search.problem.segments[r]))
     return out
 
 
 def rms(search: Search, errors: Sequence[Vector]) -> Vector:
     """Root mean square per channel over the samples that are judged."""
-    parts = [e[:, a:b] for e, run in zip(errors, search.problem.segments, strict=True) for a, b in run]
-    return np.sqrt(np.mean(np.concatenate(parts, axis=1) ** 2, axis=1)) if parts else np.array([])
+    parts, n = [], np.zeros(0)
+    for e, run in zip(errors, search.problem.segments, strict=True):
+        live = live_in(run)
+        own = list(run) if live is None or len(live) != len(e) else run
+        parts += [blanked(e, own)[:, a:b] for a, b in run]
+        n = counts(own, len(e)) + (n if len(n) else 0)
+    return np.sqrt(np.sum(np.concatenate(parts, axis=1) ** 2, axis=1) / np.maximum(n, 1)) if parts else np.array([])
 
 
 def _level(data: Sequence[Vector], segments: Sequence[Any], channel: int) -> float:

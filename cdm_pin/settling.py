@@ -10,7 +10,7 @@ from .candidates import Candidate
 from .fit import Fit
 from .masses import about
 from .search import Search
-from .shapes import tuned, yielding
+from .shapes import restarted, tuned, yielding
 from .whitening import Whitener
 
 SETTLING = 12
@@ -30,6 +30,7 @@ def settled(search: Search, accepted: list[Candidate], rounds: int = 2) -> tuple
             search, accepted = in_turn(search, accepted, rounds=1)
             if not _has_moved(before, search.fit(accepted)):
                 break
+        accepted = restarted(search, accepted, search.noise(accepted))
         accepted = yielding(search, accepted, search.noise(accepted))
     if accepted or search.problem.loads:  # what was withdrawn brings no torque
         search = about(search, search.fit(accepted))

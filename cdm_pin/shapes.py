@@ -120,6 +120,22 @@ def tuned(search: Search, effects: Sequence[Candidate], whitener: Whitener, roun
     return effects
 
 
+def restarted(search: Search, effects: Sequence[Candidate], whitener: Whitener, least: float = 10.0) -> list[Candidate]:
+    """Estimate the torques within which plays are crossed from each that is screened; the best stand.
+
+    From one that is far off, all that makes it better may lie behind what makes it worse.
+    """
+    best = list(effects)
+    for j, candidate in enumerate(effects):
+        if candidate.effect.name != "backlash" or candidate.rattles:
+            continue
+        for shape in candidate.effect.grid(search.problem.motions, candidate.place):
+            trial = tuned(search, [*best[:j], replace(candidate, shape=shape), *best[j + 1 :]], whitener)
+            if search.fit(trial, whitener).deviance < search.fit(best, whitener).deviance - least:
+                best = trial
+    return best
+
+
 def _moved(search: Search, effects: Sequence[Candidate], step: Vector) -> list[Candidate]:
     """Move the free elements of all shapes, no further than their bounds and their reach."""
     out, first = [], 0

@@ -75,8 +75,8 @@ def _leaves_noise(search: Search, fit: Fit, candidate: Candidate) -> bool:
 
     An error of other laws is not all of one simple shape.
     """
-    excess = fit.deviance - fit.n_rows
-    if not candidate.named or excess < FAR * fit.n_rows:
+    excess = fit.deviance - fit.n_judged
+    if not candidate.named or excess < FAR * fit.n_judged:
         return False
     return refine(search, fit, candidate, 3)[1].statistic > WHOLE * excess
 

@@ -15,7 +15,7 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import f as f_distribution
 
 from .geometry import Vector
-from .whitening import Lines, Segments, Whitener
+from .whitening import Lines, Segments, Whitener, counts, live_in, with_bounds
 
 
 @dataclass(frozen=True)
@@ -70,15 +70,16 @@ def spectrum(
                 continue
             window = np.hanning(b - a)
             band = np.clip(np.digitize(np.fft.rfftfreq(b - a), fine) - 1, 0, len(fine) - 2)
-            total = np.sum(window**2)
+            live = live_in(run)
             for c in range(n_channels):
+                total = np.sum(window**2 if live is None else window[live[c, a:b]] ** 2)
                 taken = np.zeros(len(band))
                 for k in range(0, len(q), 128):
                     taken += np.sum(np.abs(np.fft.rfft(q[k : k + 128, c, a:b] * window)) ** 2, axis=0)
                 np.add.at(power[c], band, np.abs(np.fft.rfft(e[c, a:b] * window)) ** 2)
                 np.add.at(room[c], band, np.maximum(total - taken, 0.0))
                 np.add.at(weight[c], band, total)
-    dof = room / np.maximum(weight, 1e-300) * _counts(fine, segments)
+    dof = room / np.maximum(weight, 1e-300) * _counts(fine, segments, n_channels)
     joined = _joined(dof, least)
     share = np.array([np.sum(weight[0, s]) for s in joined])
     return Spectrum(
@@ -91,10 +92,11 @@ def spectrum(
     )
 
 
-def _counts(edges: Vector, segments: Sequence[Segments]) -> Vector:
-    """Real degrees of freedom per band of all segments, under a Hann window."""
-    samples = sum(b - a for run in segments for a, b in run if b - a >= 64)
-    return np.diff(edges) * 2 * samples * 0.5
+def _counts(edges: Vector, segments: Sequence[Segments], n_channels: int) -> Vector:
+    """Real degrees of freedom per channel and band of all segments, under a Hann window."""
+    long = [with_bounds([(a, b) for a, b in run if b - a >= 64], run) for run in segments]
+    samples = np.sum([counts(run, n_channels) for run in long], axis=0)
+    return np.diff(edges) * 2 * samples[:, None] * 0.5
 
 
 def _joined(dof: Vector, least: float) -> list[slice]:
@@ -165,12 +167,12 @@ def whitener_of(
     pooled = np.concatenate(white, axis=1)
     mix = np.zeros((n_channels, n_channels))
     for block in blocks:
-        size = np.sqrt(np.mean(pooled[block] ** 2, axis=1)) + 1e-300
-        correlation = (pooled[block] / size[:, None]) @ (pooled[block] / size[:, None]).T / max(pooled.shape[1], 1)
+        size = np.linalg.norm(pooled[block], axis=1, keepdims=True) + 1e-300
+        correlation = (pooled[block] / size) @ (pooled[block] / size).T
         root = np.linalg.cholesky(correlation + 1e-9 * np.eye(len(size)))
         mix[block, block] = np.linalg.inv(root) / level[block]
-    whole = np.sqrt(np.mean(pooled**2))
-    scale = np.array([np.sqrt(np.mean(w**2)) / whole if w.size else 1.0 for w in white])
+    whole, *own = (np.sqrt(np.sum(w**2) / max(np.count_nonzero(w), 1)) for w in (pooled, *white))
+    scale = np.array([x / whole if w.size else 1.0 for w, x in zip(white, own, strict=True)])
     return Whitener(coefficients, mix, np.maximum(scale, 1e-3))
 
 

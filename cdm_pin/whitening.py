@@ -20,6 +20,55 @@ SPECTRUM = 8192
 """Points of a spectrum that is added to another."""
 
 
+class Stretches(list[tuple[int, int]]):
+    """Stretches (start, stop) without gaps of one run, of which each channel is judged by some samples alone.
+
+    Parameters
+    ----------
+    bounds : sequence of (int, int)
+    live : ndarray of bool, shape (n_channels, n_samples)
+        Which samples count.
+    """
+
+    def __init__(self, bounds: Segments, live: np.ndarray):
+        super().__init__(bounds)
+        self.live = live
+
+
+def live_in(run: Segments, channels: slice = slice(None)) -> np.ndarray | None:
+    """Tell by which samples of a run some channels are judged, shape (n_channels, n_samples); None if by all."""
+    return run.live[channels] if isinstance(run, Stretches) else None
+
+
+def with_bounds(bounds: Segments, like: Segments) -> Segments:
+    """Give other stretches of a run, of which the same samples count."""
+    return Stretches(bounds, like.live) if isinstance(like, Stretches) else bounds
+
+
+def of_channels(run: Segments, channels: slice) -> Segments:
+    """Give the stretches of a run as some channels are judged by them."""
+    return Stretches(run, run.live[channels]) if isinstance(run, Stretches) else run
+
+
+def blanked(series: Vector, run: Segments) -> Vector:
+    """Put zeros where channels are not judged, (..., n_channels, n_samples)."""
+    live = live_in(run)
+    return series if live is None else series * live
+
+
+def foreseen(live: np.ndarray) -> np.ndarray:
+    """Tell which samples, (..., n), are judged and whose past is: all but the first behind one that is not judged."""
+    return live & np.concatenate([live[..., :1], live[..., :-1]], axis=-1)
+
+
+def counts(run: Segments, n_channels: int, lost: int = 0) -> np.ndarray:
+    """Count the samples of stretches that each channel is judged by; those foreseen if the first few are lost."""
+    live, kept = live_in(run), [(a + lost, b) for a, b in run]
+    if live is None:
+        return np.full(n_channels, sum(b - a for a, b in kept))
+    return np.array([sum(int(row[a:b].sum()) for a, b in kept) for row in (foreseen(live) if lost else live)])
+
+
 @dataclass(frozen=True)
 class Lines:
     """Columns as sums of series, each seen by the channels with weights of its own.
@@ -144,8 +193,9 @@ class Whitener:
         for r, (lines, own, n) in enumerate(zip(runs, long, rows, strict=True), start=first):
             if n and len(lines.series):
                 bounds = np.array(own, dtype=np.int64)
-                mix = self.mix / self.scale[r]
-                _whiten(lines.series, lines.weights, lines.owner, bounds, self.coefficients, mix, out, row)
+                mix, live = self.mix / self.scale[r], live_in(segments[r - first])
+                counted = np.ones((0, 0), np.bool_) if live is None else np.ascontiguousarray(live)
+                _whiten(lines.series, lines.weights, lines.owner, bounds, self.coefficients, mix, out, row, counted)
             row += n
         return out
 
@@ -171,15 +221,30 @@ def _innovations(coefficients, x, y):
         k += 1
 
 
+@numba.njit(cache=True, nogil=True)
+def _hold(x, live, y):
+    """Put the last value before them in the place of samples that are not live, or the first one behind them."""
+    last = 0.0
+    for t in range(len(x)):
+        if live[t]:
+            last = x[t]
+            break
+    for t in range(len(x)):
+        if live[t]:
+            last = x[t]
+        y[t] = last
+
+
 @numba.njit(cache=True, fastmath=True, nogil=True)
-def _whiten(series, weights, owner, bounds, coefficients, mix, out, first_row):
+def _whiten(series, weights, owner, bounds, coefficients, mix, out, first_row, live):
     """Filter every series by 1 - sum_k c_k z^-k of each channel that sees it, mix the channels, add to its column.
 
-    What is whitened stands in rows from `first_row` on.
+    What is whitened stands in rows from `first_row` on. Those of samples by which a channel is not judged are zero, and
+    of the first behind such, whose past is not known; further behind them the last value before them is their past.
     """
     n_channels, order = coefficients.shape
     reversed_ = np.ascontiguousarray(coefficients[:, ::-1])
-    y = np.empty(series.shape[1])
+    y, counted = np.empty(series.shape[1]), np.empty(series.shape[1])
     for m in range(len(series)):
         x, column = series[m], out[owner[m]]
         row = first_row
@@ -188,7 +253,14 @@ def _whiten(series, weights, owner, bounds, coefficients, mix, out, first_row):
             for c in range(n_channels):
                 if weights[m, c] == 0.0:
                     continue
-                _innovations(reversed_[c], x[first : first + n + order], y)
+                if len(live):
+                    own = slice(first, first + n + order)
+                    _hold(x[own], live[c, own], counted[own])
+                    _innovations(reversed_[c], counted[own], y)
+                    for t in range(first + order, first + order + n):
+                        y[t - first - order] *= live[c, t] and live[c, t - 1]
+                else:
+                    _innovations(reversed_[c], x[first : first + n + order], y)
                 for r in range(c, n_channels):
                     g = mix[r, c] * weights[m, c]
                     if g != 0.0:
@@ -228,7 +300,7 @@ def autoregressions(
     -------
     coefficients : ndarray, shape (n_channels, order)
     innovations : list of list of ndarray
-        Per run those of each channel.
+        Per run those of each channel; zero where it is not judged.
     """
     n_channels = residuals[0].shape[0]
     longest = max((stop - start for run in segments for start, stop in run), default=0)
@@ -238,14 +310,21 @@ def autoregressions(
     for c in range(n_channels):
         lags, targets, owner = [], [], []
         for r, (e, run) in enumerate(zip(residuals, segments, strict=True)):
-            mean = np.mean(np.concatenate([e[c, a:b] for a, b in run])) if len(run) else 0.0
+            live = live_in(run)
+            own = None if live is None else live[c]
+            inside = [e[c, a:b] if own is None else e[c, a:b][own[a:b]] for a, b in run]
+            mean = np.mean(np.concatenate(inside)) if sum(map(len, inside)) else 0.0
             for start, stop in run:
                 x = e[c, start:stop] - mean
                 if len(x) <= 2 * order:
                     continue
+                if own is not None:
+                    there = x.copy()
+                    _hold(there, own[start:stop], x)
                 windows = np.lib.stride_tricks.sliding_window_view(x, order + 1)
-                lags.append(windows[:, :order][:, ::-1])
-                targets.append(windows[:, order])
+                known = 1.0 if own is None else foreseen(own)[start + order : stop, None]
+                lags.append(windows[:, :order][:, ::-1] * known)
+                targets.append(windows[:, order] if own is None else windows[:, order] * known[:, 0])
                 owner.append(np.full(len(windows), r))
         if not targets:
             continue
@@ -270,12 +349,13 @@ def whitener_from(
     pooled = np.concatenate(runs, axis=1)
     mix = np.zeros((n_channels, n_channels))
     for block in blocks or [slice(0, n_channels)]:
-        covariance = pooled[block] @ pooled[block].T / pooled.shape[1]
+        count = np.sqrt(np.maximum(np.count_nonzero(pooled[block], axis=1), 1))
+        covariance = pooled[block] @ pooled[block].T / np.outer(count, count)
         floor = 1e-12 * np.trace(covariance) / n_channels + 1e-300
         mix[block, block] = np.linalg.inv(np.linalg.cholesky(covariance + floor * np.eye(len(covariance))))
     scale = np.ones(len(innovations))
     if len(runs) == len(innovations):
-        scale = np.array([np.sqrt(np.mean((mix @ run) ** 2)) for run in runs])
+        scale = np.array([np.sqrt(np.sum((mix @ run) ** 2) / max(np.count_nonzero(run), 1)) for run in runs])
     return Whitener(coefficients, mix, np.maximum(scale, 1e-6))
 
 
@@ -288,10 +368,14 @@ def fit_quiet(
     know less of the noise of torques, but one to know all channels of travel from the same samples. The second value
     is where the first group does not stand out.
     """
-    first = quiet_segments([e[blocks[0]] for e in residuals], segments)
+    first = quiet_segments([e[blocks[0]] for e in residuals], [of_channels(run, blocks[0]) for run in segments])
+    first = [with_bounds(own, run) for own, run in zip(first, segments, strict=True)]
     rest = quiet_segments(residuals, segments) if len(blocks) > 1 else first
     quiet = [first, *[rest] * (len(blocks) - 1)]
-    parts = [fit_whitener([e[b] for e in residuals], own, order) for b, own in zip(blocks, quiet, strict=True)]
+    parts = [
+        fit_whitener([e[b] for e in residuals], [of_channels(run, b) for run in own], order)
+        for b, own in zip(blocks, quiet, strict=True)
+    ]
     if len(parts) == 1:
         return parts[0], first
     longest = max(part.order for part in parts)
@@ -305,9 +389,10 @@ def log_likelihood(whitener: Whitener, segments: Sequence[Segments]) -> float:
 
     It depends on the innovations' covariance alone, as for any autoregression at its least squares.
     """
-    n = [sum(b - a - whitener.order for a, b in run if b - a > 2 * whitener.order) for run in segments]
-    shrunk = np.sum(n) * np.sum(np.log(np.diag(whitener.mix)))
-    return float(shrunk - len(whitener.mix) * np.dot(n, np.log(whitener.scale)))
+    order, m = whitener.order, len(whitener.mix)
+    long = [with_bounds([(a, b) for a, b in run if b - a > 2 * order], run) for run in segments]
+    n = np.array([counts(run, m, order) for run in long]).reshape(len(long), m)
+    return float(n.sum(axis=0) @ np.log(np.diag(whitener.mix)) - n.sum(axis=1) @ np.log(whitener.scale))
 
 
 def _aligned(channels: Sequence[Vector]) -> Vector:
@@ -352,14 +437,19 @@ def quiet_segments(
         inside = np.zeros(e.shape[1], bool)
         for start, stop in run:
             inside[start:stop] = True
-        centred = np.where(inside, e - np.mean(e[:, inside], axis=1, keepdims=True), 0.0)
-        power = np.array([np.convolve(x**2, np.ones(length) / length, mode="same") for x in centred])
-        loud = (power > limit**2 * np.median(power[:, inside], axis=1, keepdims=True)).any(axis=0) & inside
+        loud, live = np.zeros(e.shape[1], bool), live_in(run)
+        for c, x in enumerate(e):
+            own = inside if live is None else inside & live[c]
+            centred, box = np.where(own, x - np.mean(x[own]) if own.any() else x, 0.0), np.ones(length) / length
+            power = np.convolve(centred**2, box, mode="same")
+            if live is not None:
+                power = power / np.maximum(np.convolve(own, box, mode="same"), 1.0 / length)
+            loud |= (power > limit**2 * np.median(power[own] if own.any() else power)) & own
         if loud.sum() > 0.3 * inside.sum():
             out.append(run)
             continue
         kept = [(a, b) for a, b in stretches(inside & ~loud) if b - a > 60]
-        out.append(kept if sum(b - a for a, b in kept) > 0.3 * inside.sum() else run)
+        out.append(with_bounds(kept, run) if sum(b - a for a, b in kept) > 0.3 * inside.sum() else run)
     return out
 
 

@@ -77,7 +77,12 @@ def test_friction_may_be_anything_while_a_joint_stands_still(effect, still, shar
     """Of a hundred samples: what rubs is held in those at rest, what does not never is."""
     speeds = np.r_[np.zeros(still), np.ones(100 - still)][:, None]
     motion = SimpleNamespace(joint_speeds=speeds, v_m=speeds)
-    place = SimpleNamespace(along=lambda joints, motors: joints[:, 0])
+    place = SimpleNamespace(along=lambda joints, motors: joints[:, 0], weights=lambda model: np.array([1.0]))
     candidate = SimpleNamespace(effect=SimpleNamespace(name=effect), place=place)
-    search = SimpleNamespace(problem=SimpleNamespace(motions=[motion]))
-    assert held(search, candidate) == pytest.approx(share)
+
+    def problem(judged):
+        runs = [SimpleNamespace(motion=motion, judged=judged)]
+        return SimpleNamespace(problem=SimpleNamespace(runs=runs, model=None, band=SimpleNamespace(step=1)))
+
+    assert held(problem(None), candidate) == pytest.approx(share)
+    assert held(problem(speeds.T > 0.0), candidate) == 0.0  # what is not judged spoils nothing
