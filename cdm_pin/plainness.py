@@ -15,7 +15,7 @@ from .explanation import Explanation, estimated, explained, unsound, with_effect
 from .fit import Fit, own_covariance
 from .friction_effects import peaks_by_its_sign
 from .leaders import UNLIKELIER, drives, same_width
-from .likelihood import REFINING, evidence, gain, has_ratio, likeliest
+from .likelihood import REFINING, evidence, gain, has_ratio, likeliest, likelihood
 from .patches import REPELS
 from .search import Search, errors, rms
 from .shapes import refine
@@ -110,15 +110,36 @@ def simplest(explanation: Explanation, spoilt: frozenset[tuple[str, str]] = froz
     Dry friction is the simplest of its kin. Laws that are alike in penalised likelihood are weighed by their evidence.
     One that is no such law any more once its shape is estimated beside all others is `spoilt`.
     """
-    accepted = [f.candidate for f in explanation.found]
+    known = [f.candidate for f in explanation.found]
+    accepted = list(known)
     for j in range(len(accepted)):
-        taken = spoilt.union(c.key for c in accepted)
-        chosen = _simplest_at(explanation, j, taken)
-        known = at_known_place(chosen, explanation.search.problem.model)
-        accepted[j] = chosen if known.key in taken - {accepted[j].key} else known
+        accepted[j] = _named_at(explanation, j, spoilt.union(c.key for c in accepted))
+    changed = [j for j, law in enumerate(accepted) if law != known[j]]
     simpler = estimated(explanation, accepted)
+    if len(changed) > 1 and _loses(explanation, simpler, changed):  # together they are not what each is by itself
+        accepted = list(known)
+        for j in changed:
+            alone = estimated(explanation, [*accepted[:j], _named_at(explanation, j, spoilt), *accepted[j + 1 :]])
+            if not _loses(explanation, alone, changed):
+                accepted, simpler = [f.candidate for f in alone.found], alone
+        simpler = estimated(explanation, accepted)
     worse = unsound(simpler, explanation)
     return simplest(explanation, spoilt | worse) if worse else simpler
+
+
+def _loses(before: Explanation, after: Explanation, changed: list[int]) -> bool:
+    """Whether an explanation is less likely than one before it by more than the laws that changed may be wrong by."""
+    search, found = before.search, before.found
+    room = sum(_within(search, found[j].candidate, found[j].score.statistic, search.settings.close) for j in changed)
+    own, its = (likelihood(x.search, [f.candidate for f in x.found]) for x in (before, after))
+    return its < own - room
+
+
+def _named_at(explanation: Explanation, j: int, taken: frozenset[tuple[str, str]]) -> Candidate:
+    """Give the simplest law that may stand for finding `j`, at a joint, a motor or a cable if that turns alike."""
+    chosen = _simplest_at(explanation, j, taken)
+    known = at_known_place(chosen, explanation.search.problem.model)
+    return chosen if known.key in taken - {explanation.found[j].candidate.key} else known
 
 
 def _simplest_at(explanation: Explanation, j: int, taken: frozenset[tuple[str, str]]) -> Candidate:

@@ -105,16 +105,17 @@ def test_accelerations_are_heard_up_to_where_the_motion_ends(line, low, high):
 
 
 def test_friction_of_a_contact_takes_no_place_that_it_cannot_have():
-    """Dry friction that two motors share stays theirs where it is that of a cable over a guide; hysteresis moves."""
+    """What two motors share along a cable over a guide is the cable's: dry friction is its friction there."""
     model = load_model("urdf/planar3.yaml")
     guide = guide_places(model)[0]
     own = np.array(guide.weights(model))
     (i, k) = np.flatnonzero(own)[:2]
     pair = next(p for p in pair_places(model) if set(p.index) == {i, k})
-    for name, kind in (("coulomb_friction", "combination"), ("hysteresis", "cable")):
+    for name, law in (("coulomb_friction", "cable_friction"), ("hysteresis", "hysteresis")):
         shape = (0.05,) if name == "coulomb_friction" else (0.05, 0.0)
         moved = at_known_place(Candidate(CATALOGUE[name], pair, (*shape, own[i] / own[k])), model)
-        assert moved.place.location["kind"] == kind
+        assert (moved.name, moved.place.location["kind"]) == (law, "cable")
+        assert moved.place in moved.effect.places(model)
 
 
 def test_what_only_unseen_recordings_show_is_said(tmp_path):
@@ -516,6 +517,7 @@ def test_no_law_takes_the_place_of_two(monkeypatch):
     simple = Candidate(CATALOGUE["viscous_friction"], places[1])
     search = SimpleNamespace(
         settings=Settings(),
+        problem=SimpleNamespace(model=None),
         size=lambda c: 1 + (c is not simple),
         noise=lambda a: None,
         without=lambda fit, j: SimpleNamespace(effects=()),
@@ -525,7 +527,7 @@ def test_no_law_takes_the_place_of_two(monkeypatch):
     found = [Found(c, score, 50.0, -50.0, lambda: ((simple, 0.0),)) for c in (spring, tilt)]
 
     def explained(search, bank, accepted):
-        return SimpleNamespace(found=[Found(c, own[c is simple], 50.0, -50.0) for c in accepted])
+        return SimpleNamespace(search=search, found=[Found(c, own[c is simple], 50.0, -50.0) for c in accepted])
 
     own = [score, score]
     monkeypatch.setattr("cdm_pin.explanation.explained", explained)
