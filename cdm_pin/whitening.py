@@ -322,9 +322,12 @@ def autoregressions(
                     there = x.copy()
                     _hold(there, own[start:stop], x)
                 windows = np.lib.stride_tricks.sliding_window_view(x, order + 1)
-                known = 1.0 if own is None else foreseen(own)[start + order : stop, None]
-                lags.append(windows[:, :order][:, ::-1] * known)
-                targets.append(windows[:, order] if own is None else windows[:, order] * known[:, 0])
+                past, target = windows[:, :order][:, ::-1], windows[:, order]
+                if own is not None:
+                    known = foreseen(own)[start + order : stop]
+                    past, target = past * known[:, None], target * known
+                lags.append(past)
+                targets.append(target)
                 owner.append(np.full(len(windows), r))
         if not targets:
             continue
