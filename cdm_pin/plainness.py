@@ -119,7 +119,8 @@ def simplest(explanation: Explanation, spoilt: frozenset[tuple[str, str]] = froz
     if len(changed) > 1 and _loses(explanation, simpler, changed):  # together they are not what each is by itself
         accepted = list(known)
         for j in changed:
-            alone = estimated(explanation, [*accepted[:j], _named_at(explanation, j, spoilt), *accepted[j + 1 :]])
+            law = _named_at(explanation, j, spoilt.union(c.key for c in accepted))
+            alone = estimated(explanation, [*accepted[:j], law, *accepted[j + 1 :]])
             if not _loses(explanation, alone, changed):
                 accepted, simpler = [f.candidate for f in alone.found], alone
         simpler = estimated(explanation, accepted)

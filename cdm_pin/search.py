@@ -306,14 +306,23 @@ class Search:
 
 
 def errors(search: Search, base: Vector, effects: Sequence[Candidate], beta: Sequence[Vector]) -> list[Vector]:
-    """Subtract what a fitted model predicts from the data, in the band, per run (n_channels, n_reduced)."""
+    """Subtract what a fitted model predicts from the data, in the band, per run (n_channels, n_reduced).
+
+    Zero where channels are not judged.
+    """
+    raw = raw_errors(search, base, effects, beta)
+    return [blanked(e, run) for e, run in zip(raw, search.problem.segments, strict=True)]
+
+
+def raw_errors(search: Search, base: Vector, effects: Sequence[Candidate], beta: Sequence[Vector]) -> list[Vector]:
+    """Give the same `errors` where channels are not judged as well."""
     own = [search.columns(c) for c in effects]
     out = []
     for r, (rigid, nominal) in enumerate(zip(search.rigid, search.nominal, strict=True)):
         e = nominal - np.tensordot(base, rigid, 1)
         for columns, b in zip(own, beta, strict=True):
             e = e - np.tensordot(b, columns[r], 1)
-        out.append(blanked(e, search.problem.segments[r]))
+        out.append(e)
     return out
 
 

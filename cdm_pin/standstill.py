@@ -23,7 +23,7 @@ OFTEN, MOSTLY = 0.1, 0.85
 """Shares of the time between which an axis rests now and then: friction alone sticks for less, more is no motion."""
 REACH = 1.0
 """Periods of the band's edge by which what happens at rest is spread."""
-LEAST = 0.15
+LEAST = 0.05
 """Share of its samples that a motor keeps, or all are judged."""
 FELT = 0.05
 """Share of an axis's friction from which on a motor feels it."""
@@ -65,7 +65,7 @@ def resting_axes(motion: Motion, valid: np.ndarray, rate: float) -> frozenset[in
     rate : float
         [Hz].
     """
-    share = {k: np.mean(still[valid]) for k, _, still in _standing(motion, valid, rate)}
+    share = {k: np.mean(still[valid]) for k, _, still in standing(motion, valid, rate)}
     return frozenset(k for k, x in share.items() if OFTEN < x < MOSTLY)
 
 
@@ -88,7 +88,7 @@ def judged(motion: Motion, valid: np.ndarray, band: Band, axes: frozenset[int]) 
     """
     model = motion.model
     resting = np.zeros((model.n_motors, len(motion.time)), bool)
-    for k, weights, still in _standing(motion, valid, band.rate):
+    for k, weights, still in standing(motion, valid, band.rate):
         if k in axes and np.mean(still[valid]) < MOSTLY:
             resting[weights > FELT * weights.max()] |= still
     if not resting.any():
@@ -100,7 +100,7 @@ def judged(motion: Motion, valid: np.ndarray, band: Band, axes: frozenset[int]) 
     return None if live.all() else live
 
 
-def _standing(motion: Motion, valid: np.ndarray, rate: float) -> Iterator[tuple[int, Vector, np.ndarray]]:
+def standing(motion: Motion, valid: np.ndarray, rate: float) -> Iterator[tuple[int, Vector, np.ndarray]]:
     """Give the number of every axis, how much of its friction each motor feels, and when it stands still."""
     for k, place in enumerate(axis_places(motion.model)):
         error = motion.position_error(np.array(place.A), np.array(place.B))

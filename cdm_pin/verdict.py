@@ -16,7 +16,9 @@ from .fit import Fit
 from .geometry import Vector
 from .model import CableModel
 from .parts import Part
+from .places import axis_place, parallel
 from .search import Search
+from .sticking import sticking
 from .unexplained import (
     at_corrections,
     beyond_floor,
@@ -288,6 +290,21 @@ def _in_common(verdict: Verdict) -> Verdict:
     return verdict if verdict.everywhere else _above_noise(verdict, shared=True)
 
 
+def _sticking(verdict: Verdict) -> Verdict:
+    """Whether an axis holds more at rest than what was found there can; that has no name then."""
+    unexplained = sticking(verdict.search, verdict.fit)
+    if unexplained is None:
+        return verdict
+    verdict, found = replace(verdict, unexplained=unexplained), verdict.explanation.found
+    axis = axis_place(verdict.model, unexplained["location"]).weights(verdict.model)
+
+    def stands(j: int) -> bool:
+        place = found[j].candidate.place
+        return not place.A or not parallel(place.weights(verdict.model), axis)
+
+    return verdict.keeping(stands)
+
+
 GATES: Sequence[Callable[[Verdict], Verdict]] = (
     _corrected,
     _uncorrected,
@@ -300,6 +317,7 @@ GATES: Sequence[Callable[[Verdict], Verdict]] = (
     _drowned,
     _swinging,
     _in_common,
+    _sticking,
 )
 
 

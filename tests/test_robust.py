@@ -37,7 +37,7 @@ from cdm_pin.likelihood import confined, likelihood_ratio
 from cdm_pin.masses import likely_masses
 from cdm_pin.model import load_model
 from cdm_pin.patches import PATCHES
-from cdm_pin.places import guide_places, joint_places, pair_places
+from cdm_pin.places import all_motor_places, guide_places, joint_places, pair_places
 from cdm_pin.plainness import drives
 from cdm_pin.polishing import is_provisional
 from cdm_pin.problem import Problem, make_problem
@@ -1251,3 +1251,42 @@ def test_no_experiment_is_asked_for_to_part_what_turns_alike(tmp_path):
         "indistinguishable_from"
     ]
     assert content["next_experiment"] is None
+
+
+def test_unequal_friction_whose_inequalities_cancel_but_on_one_motor_is_an_offset_there():
+    """Two axes that rub unequally and motor 2 off by a constant need as many numbers less as there are axes."""
+    model = load_model("urdf/planar3.yaml")
+    places = [*joint_places(model)[:2], all_motor_places(model)[1]]
+    first, second = (Candidate(CATALOGUE["asymmetric_friction"], place, (0.05,)) for place in places[:2])
+    drag = Candidate(CATALOGUE["viscous_friction"], places[0])
+    offsets = [Candidate(CATALOGUE["torque_offset"], place) for place in all_motor_places(model)]
+    bank = SimpleNamespace(laws=SimpleNamespace(candidates=[drag, *offsets]))
+    trials = plainness._evened([first, drag, second], SimpleNamespace(bank=bank))
+    assert [trial[-1] for trial in trials] == offsets
+    assert all(
+        [c.name for c in trial[:3]] == ["coulomb_friction", "viscous_friction", "coulomb_friction"] for trial in trials
+    )
+    assert plainness._evened([first, drag], SimpleNamespace(bank=bank)) == []
+    assert plainness._evened([first, first.dry, second], SimpleNamespace(bank=bank)) == []
+
+
+def test_laws_that_are_alike_one_by_one_may_not_be_together(monkeypatch):
+    """Each of two laws has a simpler one in its place; both of these together explain nothing, so one stands."""
+    places = joint_places(load_model("urdf/cdm2.yaml"))
+    old = [Candidate(CATALOGUE["joint_spring"], place) for place in places]
+    new = [Candidate(CATALOGUE["viscous_friction"], place) for place in places]
+    found = [SimpleNamespace(candidate=c, score=SimpleNamespace(statistic=100.0)) for c in old]
+
+    def explained(explanation, effects):
+        return SimpleNamespace(search=search, found=[SimpleNamespace(candidate=c) for c in effects])
+
+    search = SimpleNamespace(settings=Settings())
+    explanation = SimpleNamespace(search=search, found=found)
+    monkeypatch.setattr(plainness, "_named_at", lambda explanation, j, taken: new[j])
+    monkeypatch.setattr(plainness, "estimated", explained)
+    monkeypatch.setattr(plainness, "unsound", lambda after, before: frozenset())
+    worth = {(False, False): 100.0, (True, True): 0.0, (True, False): 99.0, (False, True): 0.0}
+    monkeypatch.setattr(plainness, "likelihood", lambda search, effects: worth[tuple(c in new for c in effects)])
+    assert [f.candidate for f in plainness.simplest(explanation).found] == [new[0], old[1]]
+    worth[True, True] = 99.0
+    assert [f.candidate for f in plainness.simplest(explanation).found] == new

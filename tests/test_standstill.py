@@ -19,6 +19,7 @@ from cdm_pin.recording import Recording
 from cdm_pin.search import Search, rms
 from cdm_pin.settings import Settings
 from cdm_pin.standstill import rests
+from cdm_pin.sticking import sticking
 from cdm_pin.whitening import Stretches, Whitener, counts, fit_whitener, foreseen, log_likelihood, quiet_segments
 
 ARM = Path(__file__).resolve().parent.parent / "urdf" / "cdm2.yaml"
@@ -34,7 +35,7 @@ def steps(t, targets, period, shift):
     return way + (np.asarray(targets)[(n.astype(int) + 1) % len(targets)] - way) * rise
 
 
-def point_to_point(model, seed, coulomb=0.0, duration=60.0):
+def point_to_point(model, seed, coulomb=0.0, duration=60.0, brake=1.0):
     """Record a two-link arm that moves one joint after the other; at rest friction holds anything it can."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, duration, 1.0 / RATE)
@@ -42,7 +43,7 @@ def point_to_point(model, seed, coulomb=0.0, duration=60.0):
     q = np.stack([steps(t, targets[0], 3.1, 0.0), steps(t, targets[1], 2.3, 0.7)], axis=1)
     v, a = np.gradient(q, 1.0 / RATE, axis=0), np.gradient(np.gradient(q, 1.0 / RATE, axis=0), 1.0 / RATE, axis=0)
     torque = motor_torques(model, q, v, a)
-    held = np.repeat(rng.uniform(-1.0, 1.0, (int(duration), 2)), int(RATE), axis=0)[: len(t)]
+    held = brake * np.repeat(rng.uniform(-1.0, 1.0, (int(duration), 2)), int(RATE), axis=0)[: len(t)]
     friction = coulomb * np.where(np.abs(v) > 1e-3, np.sign(v), held)
     torque = torque + friction @ model.joint_from_motor + NOISE * rng.standard_normal(q.shape)
     return Recording(t, {"joint_position": q, "motor_torque": torque}, label=f"made {seed}")
@@ -149,3 +150,22 @@ def test_all_samples_judged_are_as_if_nothing_were_said():
     plain, said = Whitener.white(np.ones(2), 1), fit_whitener([e], [same], 4)
     np.testing.assert_allclose(plain(e[None], same), plain(e[None], run))
     np.testing.assert_allclose(said.coefficients, fit_whitener([e], [run], 4).coefficients)
+
+
+def test_what_an_axis_holds_at_rest_beyond_its_friction_is_told():
+    """A brake that holds five times the friction of motion is no dry friction; friction that holds its own is."""
+    model = load_model(ARM)
+    for brake, told in ((1.0, False), (5.0, True)):
+        search = searched(model, point_to_point(model, 9, 0.4, brake=brake))
+        laws = [c for c in search.common if c.effect.name == "coulomb_friction"]
+        unexplained = sticking(search, search.fit(laws))
+        assert (unexplained is not None) == told
+        if unexplained is not None:
+            assert unexplained["location"]["kind"] == "joint" and "while it rests" in unexplained["region"]
+
+
+def test_the_report_says_what_was_not_judged():
+    model = load_model(ARM)
+    content = diagnose(model, [point_to_point(model, 10, 0.4)]).content
+    (recording,) = content["data"]["recordings"]
+    assert any("not judged while axes rest" in notice for notice in recording["notices"])
