@@ -13,8 +13,9 @@ from .friction_effects import remembered
 from .geometry import Vector
 from .replay import Replay
 from .report_evidence import Evidence, LawCurve, Rival, RunEvidence, SimulatedMotion
-from .search import Search, errors
+from .search import Search, raw_errors
 from .units import joint_units, motor_units, unit_at
+from .whitening import live_in
 
 
 def gather(diagnosis: Diagnosis) -> Evidence:
@@ -54,8 +55,8 @@ def _simulated(replay: Replay, units: tuple[str, ...], most: int = 5) -> Simulat
 def _runs(search: Search, rigid: Fit, fit: Fit, holdout: bool) -> list[RunEvidence]:
     problem = search.problem
     m, step = problem.model.n_motors, problem.band.step
-    before = errors(search.stiff, rigid.base, (), ())
-    after = errors(search, fit.base, fit.effects, fit.beta)
+    before = raw_errors(search.stiff, rigid.base, (), ())
+    after = raw_errors(search, fit.base, fit.effects, fit.beta)
     out = []
     for r, run in enumerate(problem.runs):
         data = problem.data[r][0][:m]
@@ -86,7 +87,7 @@ def _law(search: Search, explanation: Explanation, found: Found) -> LawCurve | N
     candidate, fit, problem = found.candidate, explanation.fit, search.problem
     j = next(i for i, f in enumerate(explanation.found) if f is found)
     law = np.tensordot(fit.beta[j], search.columns(candidate)[0], 1)
-    rest = law + errors(search, fit.base, fit.effects, fit.beta)[0]
+    rest = law + raw_errors(search, fit.base, fit.effects, fit.beta)[0]
     m, step = problem.model.n_motors, problem.band.step
     between = slice(m * problem.torque, None)
     if problem.kinematic and candidate.effect.follows and law[between].any():
@@ -103,7 +104,10 @@ def _law(search: Search, explanation: Explanation, found: Found) -> LawCurve | N
     label = f"position [{angle}]" if by_position else f"speed [{angle}/s]"
     if candidate.remembers_tension:
         x, label = remembered(motion, candidate.place), f"torque of the cable [{torque}]"
-    keep = slice(*problem.segments[0][0])
+    run = problem.segments[0]
+    keep, live = np.arange(*run[0]), live_in(run, slice(m))
+    if live is not None:
+        keep = keep[live[share != 0.0][:, keep].all(axis=0)]
     return LawCurve(
         x=x[::step][:n][keep],
         x_label=label,

@@ -24,7 +24,7 @@ LESS, FEW = 0.95, 30
 
 
 def sticking(search: Search, fit: Fit) -> dict[str, Any] | None:
-    """Say which axis holds far more while it rests than it rubs with in motion, as dry friction cannot; None if none.
+    """Say which axis that rubs holds more while it rests than in motion, as dry friction cannot; None if none does.
 
     Only samples count at which no other axis rests: what two hold together is not told apart.
     """
@@ -36,6 +36,8 @@ def sticking(search: Search, fit: Fit) -> dict[str, Any] | None:
     for k in sorted(search.problem.resting):
         weights = places[k].weights(model)
         laws = [j for j, c in enumerate(fit.effects) if _rubs_along(c, weights, search)]
+        if not laws:
+            continue
         held = np.concatenate([_held(search, fit, laws, k, r) for r in range(len(search.problem.runs))])
         if len(held) < FEW:
             continue
