@@ -133,14 +133,15 @@ def drifting_channels(
             live, x = live_in(run), e[:n_motors, a:b]
             known = None
             for c in range(n_motors):
-                kept = np.ones(n, bool) if live is None else live[c, a:b]
+                kept = slice(None) if live is None else np.flatnonzero(live[c, a:b])
+                own, basis_there = x[c, kept], q[:, c, a:b][:, kept]
                 if known is None or live is not None:
                     known = _waves(n, rate, quicker, kept)
-                total[c] += np.sum((x[c, kept] - x[c, kept].mean()) ** 2)
-                count[c] += kept.sum()
+                total[c] += np.sum((own - own.mean()) ** 2)
+                count[c] += len(own)
                 for k, U in enumerate(known):
-                    power[c, k] += float(np.sum((x[c, kept] @ U) ** 2))
-                    room[c, k] += U.shape[1] - float(np.sum((q[:, c, a:b][:, kept] @ U) ** 2))
+                    power[c, k] += float(np.sum((own @ U) ** 2))
+                    room[c, k] += U.shape[1] - float(np.sum((basis_there @ U) ** 2))
     room = np.maximum(room, 1.0)
     ratio = (power[:, 0] / room[:, 0]) / np.maximum(power[:, 1] / room[:, 1], 1e-300)
     sure, likely = (f_distribution.isf(p / n_motors, room[:, 0], room[:, 1]) for p in (ALARM, 100 * ALARM))
@@ -150,7 +151,7 @@ def drifting_channels(
     return [int(c) for c in np.flatnonzero((ratio > likely) & slow)] if seen else []
 
 
-def _waves(n: int, rate: float, quicker: int, kept: np.ndarray) -> tuple[Vector, Vector]:
+def _waves(n: int, rate: float, quicker: int, kept: slice | np.ndarray) -> tuple[Vector, Vector]:
     """Give orthonormal slow shapes, the quickest of them alone if any is, and waves of the frequencies next to theirs.
 
     Over those of `n` samples that are kept, shape (n_kept, any) each.
