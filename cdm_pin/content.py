@@ -17,7 +17,7 @@ from .fit import Fit
 from .model import CableModel
 from .next_experiment import Experiment
 from .parts import parts_of, reduction_apart
-from .problem import Problem, Run
+from .problem import Problem
 from .regions import region
 from .search import Search, errors, rms
 from .unexplained import noise_floor
@@ -132,19 +132,7 @@ def _data(problem: Problem, seen: Problem | None = None) -> dict[str, Any]:
 
 
 def _recordings(problem: Problem) -> list[dict[str, Any]]:
-    return [
-        {"name": run.name, "duration": float(run.motion.time[-1]), "notices": [*run.signals.notices, *_at_rest(run)]}
-        for run in problem.runs
-    ]
-
-
-def _at_rest(run: Run) -> list[str]:
-    """Say of which motors torques are not judged for how long, as axes rest."""
-    if run.judged is None:
-        return []
-    shares = 1.0 - run.judged.mean(axis=1)
-    parts = [f"motor {k + 1} for {100 * share:.0f} % of the time" for k, share in enumerate(shares) if share > 0.0]
-    return ["torques are not judged while axes rest, as friction may hold anything there: " + ", ".join(parts)]
+    return [{"name": run.name, "duration": float(run.motion.time[-1]), "notices": run.notices} for run in problem.runs]
 
 
 def _finding(

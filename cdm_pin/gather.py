@@ -41,7 +41,7 @@ def gather(diagnosis: Diagnosis) -> Evidence:
 
 
 def _notices(search: Search | None) -> list[str]:
-    return [] if search is None else [text for run in search.problem.runs for text in run.signals.notices]
+    return [] if search is None else [text for run in search.problem.runs for text in run.notices]
 
 
 def _simulated(replay: Replay, units: tuple[str, ...], most: int = 5) -> SimulatedMotion:

@@ -75,6 +75,17 @@ class Run:
         """Name of the recording."""
         return self.signals.recording.name
 
+    @property
+    def notices(self) -> list[str]:
+        """What is to be said of the recording, and of which motors torques are not judged for how long."""
+        out = list(self.signals.notices)
+        if self.judged is not None:
+            shares = 1.0 - self.judged.mean(axis=1)
+            motors = [f"motor {k + 1} for {100 * x:.0f} % of the time" for k, x in enumerate(shares) if x > 0.0]
+            words = "torques are not judged while axes rest, as friction may hold anything there"
+            out.append(f"{words}: {', '.join(motors)}")
+        return out
+
     def carrying(self, model: CableModel) -> CableModel:
         """Give a robot with the payload that was held."""
         load = tip_load(model, self.payload)
