@@ -47,11 +47,10 @@ def sticking(search: Search, fit: Fit) -> dict[str, Any] | None:
         most = float(np.quantile(np.abs(held), LESS))
         if most > worst[0] * least:
             place = places[k].location
-            words = (
-                f"{place['kind']} {place['index']} holds far more while it rests than it loses to friction in motion"
-            )
+            words = f"{place['kind']} {place['index']} holds more while it rests than it loses to friction in motion"
             size = float(np.sqrt(np.mean(held**2)))
-            worst = most / least, something(place["kind"], place["index"], words, size)
+            near = [{"effect": fit.effects[j].name, "location": fit.effects[j].location} for j in laws]
+            worst = most / least, something(place["kind"], place["index"], words, size, nearest=near[:3])
     return worst[1]
 
 
