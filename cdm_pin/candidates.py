@@ -201,6 +201,11 @@ class Candidate:
         return self.signs[:1] == (1,) and not any(self.signs[1:])
 
     @property
+    def rubs(self) -> bool:
+        """Whether it is friction of some kind along one coordinate."""
+        return bool(self.place.A) and ("friction" in self.effect.name or self.effect.name == "hysteresis")
+
+    @property
     def dry(self) -> Candidate:
         """Dry friction in its place, as wide about standstill."""
         return replace(self, effect=CATALOGUE["coulomb_friction"], shape=self.shape[:1])

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import f as f_distribution
 
 from .geometry import Vector
-from .whitening import Segments, live_in
+from .whitening import Segments, inside, live_in
 
 ALARM = 1e-3
 """Probability of seeing a wander in noise that has none."""
@@ -173,17 +173,15 @@ def faint(rest: Vector, sampled: Vector | float) -> Vector:
 
 def without_drift(errors: Vector, run: Segments, shapes: Vector) -> Vector:
     """Take slow shapes (n_shapes, n) out of errors (n_channels, n) by least squares over the segments of a run."""
-    inside, live = np.zeros(errors.shape[1], bool), live_in(run, slice(len(errors)))
-    for a, b in run:
-        inside[a:b] = True
+    known, live = inside(run, errors.shape[1]), live_in(run, slice(len(errors)))
     if live is not None:
         rows = zip(errors, live, strict=True)
-        return np.concatenate([_without(e[None], inside & own, shapes) * own for e, own in rows])
-    return _without(errors, inside, shapes)
+        return np.concatenate([_without(e[None], known & own, shapes) * own for e, own in rows])
+    return _without(errors, known, shapes)
 
 
-def _without(errors: Vector, inside: np.ndarray, shapes: Vector) -> Vector:
-    if inside.sum() <= len(shapes):
+def _without(errors: Vector, known: np.ndarray, shapes: Vector) -> Vector:
+    if known.sum() <= len(shapes):
         return errors
-    theta = np.linalg.lstsq(shapes[:, inside].T, errors[:, inside].T, rcond=None)[0]
+    theta = np.linalg.lstsq(shapes[:, known].T, errors[:, known].T, rcond=None)[0]
     return errors - theta.T @ shapes

@@ -137,9 +137,7 @@ def apart(places: Sequence[Place], model: CableModel) -> list[Place]:
 
 def _rubs(candidate: Candidate) -> bool:
     """Whether it is friction of some kind along one coordinate, or what a motor's may pass for beside other joints'."""
-    name = candidate.effect.name
-    rubs = bool(candidate.place.A) and ("friction" in name or name == "hysteresis")
-    return rubs or name == "transmission_coupling"
+    return candidate.rubs or candidate.effect.name == "transmission_coupling"
 
 
 def at_all_axes(search: Search, names: Sequence[str]) -> list[Candidate]:

@@ -15,7 +15,7 @@ from .replay import Replay
 from .report_evidence import Evidence, LawCurve, Rival, RunEvidence, SimulatedMotion
 from .search import Search, raw_errors
 from .units import joint_units, motor_units, unit_at
-from .whitening import live_in
+from .whitening import inside, live_in
 
 
 def gather(diagnosis: Diagnosis) -> Evidence:
@@ -61,9 +61,6 @@ def _runs(search: Search, rigid: Fit, fit: Fit, holdout: bool) -> list[RunEviden
     for r, run in enumerate(problem.runs):
         data = problem.data[r][0][:m]
         n = data.shape[1]
-        valid = np.zeros(n, bool)
-        for start, stop in problem.segments[r]:
-            valid[start:stop] = True
         out.append(
             RunEvidence(
                 label=run.name,
@@ -73,7 +70,7 @@ def _runs(search: Search, rigid: Fit, fit: Fit, holdout: bool) -> list[RunEviden
                 augmented=(data - after[r][:m]).T,
                 q=run.motion.q[::step][:n],
                 v=run.motion.v[::step][:n],
-                valid=valid,
+                valid=inside(problem.segments[r], n),
                 holdout=holdout,
                 units=motor_units(problem.model, problem.torque),
                 joint_units=joint_units(problem.model),

@@ -42,27 +42,28 @@ def plainer(explanation: Explanation, equal: float = 1.0) -> Explanation:
     """
     search, whitener = explanation.search, explanation.fit.whitener
     accepted, found = [f.candidate for f in explanation.found], explanation.found
-    best, chosen = search.settings.close, accepted
+    trials = []
     for i, refined in enumerate(accepted):
         if refined.effect.name not in REFINING:
             continue
         for j, rival in ((j, c) for j, f in enumerate(found) for c, d in f.rivals if i != j and abs(d) < equal):
             trial = [refined.dry if k == i else rival if k == j else c for k, c in enumerate(accepted)]
-            if not rival.named or any(a.clashes(b) for a, b in itertools.combinations(trial, 2)):
-                continue
-            fit = search.fit(trial, whitener)
-            fewer = search.size(*accepted) - search.size(*trial)
-            more = 0.5 * (explanation.fit.deviance - fit.deviance + np.log(fit.n_judged) * fewer)
-            if more > best:
-                best, chosen = more, trial
-    for trial in _evened(accepted, explanation):
+            if rival.named and not any(a.clashes(b) for a, b in itertools.combinations(trial, 2)):
+                trials.append(trial)
+    trials += [trial for trial in _evened(accepted, explanation) if _is_sound(search.fit(trial, whitener))]
+    best, chosen = search.settings.close, accepted
+    for trial in trials:
         fit = search.fit(trial, whitener)
         fewer = search.size(*accepted) - search.size(*trial)
         more = 0.5 * (explanation.fit.deviance - fit.deviance + np.log(fit.n_judged) * fewer)
-        sound = all(c.is_plausible(b, trial) for c, b in zip(fit.effects, fit.beta, strict=True))
-        if sound and more > best:
+        if more > best:
             best, chosen = more, trial
     return explanation if chosen is accepted else explained(search, explanation.bank, chosen)
+
+
+def _is_sound(fit: Fit) -> bool:
+    """Whether all effects of a fit have coefficients such as their laws may have."""
+    return all(c.is_plausible(beta, fit.effects) for c, beta in zip(fit.effects, fit.beta, strict=True))
 
 
 def _evened(accepted: list[Candidate], explanation: Explanation) -> list[list[Candidate]]:

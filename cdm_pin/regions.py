@@ -13,6 +13,7 @@ from .geometry import Vector
 from .motion import Motion
 from .search import Search
 from .units import unit_at
+from .whitening import inside
 
 BINS = 8  # of angle and of time
 CLEAR = 1.8  # times the energy per second that a region has to have over the mean
@@ -59,12 +60,10 @@ def region(search: Search, fit: Fit, j: int) -> str:
     best: tuple[float, str] = (CLEAR, "throughout")
     masks: dict[str, list[tuple[float, float, float, float]]] = {}
     for motion, energy, segments in zip(search.problem.motions, energies, search.problem.segments, strict=True):
-        inside = np.zeros(len(energy), bool)
-        for a, b in segments:
-            inside[a:b] = True
+        known = inside(segments, len(energy))
         for words, mask in _regions(candidate, motion, search.problem.band.step, len(energy)):
-            here = mask & inside
-            sums = (float(energy[here].sum()), float(energy[inside].sum()), float(here.sum()), float(inside.sum()))
+            here = mask & known
+            sums = (float(energy[here].sum()), float(energy[known].sum()), float(here.sum()), float(known.sum()))
             masks.setdefault(words, []).append(sums)
     for words, parts in masks.items():
         part, whole, time, all_time = np.sum(parts, axis=0)

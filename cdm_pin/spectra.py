@@ -15,7 +15,7 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import f as f_distribution
 
 from .geometry import Vector
-from .whitening import Lines, Segments, Whitener, counts, live_in, with_bounds
+from .whitening import Lines, Segments, Whitener, counts, live_in, rms_judged, with_bounds
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def whitener_of(
         correlation = (pooled[block] / size) @ (pooled[block] / size).T
         root = np.linalg.cholesky(correlation + 1e-9 * np.eye(len(size)))
         mix[block, block] = np.linalg.inv(root) / level[block]
-    whole, *own = (np.sqrt(np.sum(w**2) / max(np.count_nonzero(w), 1)) for w in (pooled, *white))
+    whole, *own = (rms_judged(w) for w in (pooled, *white))
     scale = np.array([x / whole if w.size else 1.0 for w, x in zip(white, own, strict=True)])
     return Whitener(coefficients, mix, np.maximum(scale, 1e-3))
 

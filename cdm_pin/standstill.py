@@ -86,18 +86,23 @@ def judged(motion: Motion, valid: np.ndarray, band: Band, axes: frozenset[int]) 
     ndarray of bool, shape (n_motors, n_reduced), or None
         None where all are.
     """
-    model = motion.model
-    resting = np.zeros((model.n_motors, len(motion.time)), bool)
+    if not axes:
+        return None
+    resting = np.zeros((motion.model.n_motors, len(motion.time)), bool)
     for k, weights, still in standing(motion, valid, band.rate):
         if k in axes and np.mean(still[valid]) < MOSTLY:
             resting[weights > FELT * weights.max()] |= still
     if not resting.any():
         return None
-    reach = 2 * round(REACH * band.rate / band.cutoff) + 1
-    live = np.logical_not(maximum_filter1d(resting, reach, axis=1))
+    live = np.logical_not(maximum_filter1d(resting, reach(band), axis=1))
     live[np.mean(live[:, valid], axis=1) < LEAST] = True
     live = live[:, :: band.step]
     return None if live.all() else live
+
+
+def reach(band: Band) -> int:
+    """Count the samples over which the band spreads what happens at rest."""
+    return 2 * round(REACH * band.rate / band.cutoff) + 1
 
 
 def standing(motion: Motion, valid: np.ndarray, rate: float) -> Iterator[tuple[int, Vector, np.ndarray]]:

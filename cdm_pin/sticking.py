@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from .candidates import Candidate
-from .effect import Place
 from .fit import Fit
 from .geometry import Vector
 from .places import axis_places, parallel
-from .problem import Run
+from .problem import Problem
 from .search import Search, raw_errors, rms
-from .standstill import REACH, standing
+from .standstill import reach, standing
 from .unexplained import something
+from .whitening import inside
 
 HARDER, CLEAR = 1.3, 2.0
 """How many times its friction in motion, and how many times the noise beside that, dry friction holds at most."""
@@ -30,34 +30,35 @@ def sticking(search: Search, fit: Fit) -> dict[str, Any] | None:
     """
     if not search.problem.partly:
         return None
-    model, noise = search.problem.model, rms(search, raw_errors(search, fit.base, fit.effects, fit.beta))
-    places = axis_places(model)
+    model, errors = search.problem.model, raw_errors(search, fit.base, fit.effects, fit.beta)
+    noise, places = rms(search, errors)[: model.n_motors], axis_places(model)
+    still = [
+        [x for _, _, x in standing(run.motion, run.signals.valid, search.problem.band.rate)]
+        for run in search.problem.runs
+    ]
     worst: tuple[float, dict[str, Any] | None] = (1.0, None)
     for k in sorted(search.problem.resting):
         weights = places[k].weights(model)
-        laws = [j for j, c in enumerate(fit.effects) if _rubs_along(c, weights, search)]
+        laws = [j for j, c in enumerate(fit.effects) if c.rubs and parallel(c.place.weights(model), weights)]
         if not laws:
             continue
-        held = np.concatenate([_held(search, fit, laws, k, r) for r in range(len(search.problem.runs))])
-        if len(held) < FEW:
+        unit, held = weights / np.linalg.norm(weights), []
+        for r, (error, segments) in enumerate(zip(errors, search.problem.segments, strict=True)):
+            law = sum(np.tensordot(fit.beta[j], search.columns(fit.effects[j])[r], 1) for j in laws)
+            alone = _alone_at_rest(search.problem, still[r], k)
+            held.append((unit @ (error + law)[: len(unit)])[alone & inside(segments, len(alone))])
+        force = np.abs(np.concatenate(held))
+        if len(force) < FEW:
             continue
-        unit = weights / np.linalg.norm(weights)
-        least = HARDER * sum(_level(search, fit, j, unit) for j in laws)
-        least += CLEAR * float(np.linalg.norm(unit * noise[: model.n_motors]))
-        most = float(np.quantile(np.abs(held), LESS))
+        least = HARDER * sum(_level(search, fit, j, unit) for j in laws) + CLEAR * float(np.linalg.norm(unit * noise))
+        most = float(np.quantile(force, LESS))
         if most > worst[0] * least:
             place = places[k].location
             words = f"{place['kind']} {place['index']} holds more while it rests than it loses to friction in motion"
-            size = float(np.sqrt(np.mean(held**2)))
+            size = float(np.sqrt(np.mean(force**2)))
             near = [{"effect": fit.effects[j].name, "location": fit.effects[j].location} for j in laws]
             worst = most / least, something(place["kind"], place["index"], words, size, nearest=near[:3])
     return worst[1]
-
-
-def _rubs_along(candidate: Candidate, weights: Vector, search: Search) -> bool:
-    """Whether a law is friction along a coordinate."""
-    rubs = candidate.effect.name.endswith("_friction") or candidate.effect.name in ("hysteresis", "friction_drift")
-    return rubs and bool(candidate.place.A) and parallel(candidate.place.weights(search.problem.model), weights)
 
 
 def _level(search: Search, fit: Fit, j: int, unit: Vector) -> float:
@@ -70,30 +71,16 @@ def _level(search: Search, fit: Fit, j: int, unit: Vector) -> float:
     return most * (1.0 + max(float(fit.beta[j][1] / fit.beta[j][0]), 0.0)) if peaks else most
 
 
-def _held(search: Search, fit: Fit, laws: list[int], axis: int, r: int) -> Vector:
-    """Give what an axis holds, along its direction of motors, while it alone rests on run `r`, shape (n,)."""
-    problem, run = search.problem, search.problem.runs[r]
-    unit = axis_places(problem.model)[axis].weights(problem.model)
-    unit = unit / np.linalg.norm(unit)
-    error = raw_errors(search, fit.base, fit.effects, fit.beta)[r]
-    for j in laws:
-        error = error + np.tensordot(fit.beta[j], search.columns(fit.effects[j])[r], 1)
-    alone = _alone_at_rest(search, run, axis)
-    inside = np.zeros(len(alone), bool)
-    for a, b in problem.segments[r]:
-        inside[a:b] = True
-    return (unit @ error[: len(unit)])[alone & inside]
+def _alone_at_rest(problem: Problem, still: Sequence[np.ndarray], axis: int) -> np.ndarray:
+    """Tell in which samples of the band an axis rests, and none that turns otherwise does, shape (n_reduced,).
 
-
-def _alone_at_rest(search: Search, run: Run, axis: int) -> np.ndarray:
-    """Tell in which samples of the band an axis rests, and none that turns otherwise does, shape (n_reduced,)."""
-    band, model = search.problem.band, search.problem.model
-    places: list[Place] = axis_places(model)
-    own, others = np.zeros(len(run.motion.time), bool), np.zeros(len(run.motion.time), bool)
-    for k, _, still in standing(run.motion, run.signals.valid, band.rate):
-        if parallel(places[k].weights(model), places[axis].weights(model)):
-            own |= still
-        elif np.any((places[k].weights(model) != 0.0) & (places[axis].weights(model) != 0.0)):
-            others |= still
-    reach = 2 * round(REACH * band.rate / band.cutoff) + 1
-    return (minimum_filter1d(own, reach) & ~others)[:: band.step]
+    Of the axes that share a motor with it; `still` tells when each one rests.
+    """
+    weights = [place.weights(problem.model) for place in axis_places(problem.model)]
+    own, others = np.zeros((2, len(still[axis])), bool)
+    for w, rests in zip(weights, still, strict=True):
+        if parallel(w, weights[axis]):
+            own |= rests
+        elif np.any((w != 0.0) & (weights[axis] != 0.0)):
+            others |= rests
+    return (minimum_filter1d(own, reach(problem.band)) & ~others)[:: problem.band.step]

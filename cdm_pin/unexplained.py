@@ -28,7 +28,7 @@ from .significance import is_loud
 from .spectra import tone_peaks, wandering
 from .unseen import deviance_unseen
 from .walking import walking_noise
-from .whitening import Segments
+from .whitening import Segments, rms_judged
 
 WANDERING = 300.0
 """Slow power over quick power that no noise of a torque's measurement has; a drift that is no fault stays below 30."""
@@ -345,7 +345,7 @@ def shared_torque(search: Search, judge: Search | None, fit: Fit) -> dict[str, A
     torques = [np.concatenate(parts, axis=1) for parts in both]
     directions = []
     for torque in torques:
-        size = np.sqrt(np.sum(torque**2, axis=1) / np.maximum(np.count_nonzero(torque, axis=1), 1))
+        size = rms_judged(torque, axis=1)
         _, values, along = np.linalg.svd(torque @ torque.T)
         loud = (size > least) & (size**2 > LEAVES * before**2) & (np.abs(along[0]) > 0.1)
         if np.sum(loud) < 2 or values[0] < AS_ONE * values.sum():
@@ -449,19 +449,13 @@ def _bursts(search: Search, fit: Fit, least: int = 100) -> tuple[Vector, Vector]
     rest = np.concatenate(parts, axis=1)
     if rest.shape[1] < least:
         return np.zeros(m), np.zeros(m)
-    judged = [x[x != 0.0] if problem.partly else x for x in rest]
-    size, mostly = (np.array([f(x) if len(x) else 0.0 for x in judged]) for f in (_root_mean_square, _mostly))
+    judged = (x[x != 0.0] if problem.partly else x for x in rest)
+    size, mostly = (
+        rms_judged(rest, axis=1),
+        np.array([1.4826 * np.median(np.abs(x)) if len(x) else 0.0 for x in judged]),
+    )
     loud = size > FAR * np.hypot(_least(search), _accuracy(search, fit))[:m]
     return np.where(loud, size / np.maximum(mostly, 1e-300), 0.0), size
-
-
-def _root_mean_square(x: Vector) -> float:
-    return float(np.sqrt(np.mean(x**2)))
-
-
-def _mostly(x: Vector) -> float:
-    """Give the standard deviation of what mostly is normal noise, shape (n,)."""
-    return float(1.4826 * np.median(np.abs(x)))
 
 
 def _rises(power: Vector) -> Vector:

@@ -56,6 +56,11 @@ def blanked(series: Vector, run: Segments) -> Vector:
     return series if live is None else series * live
 
 
+def rms_judged(series: Vector, axis: int | None = None) -> Vector:
+    """Root mean square, along an axis or of all, of what is judged: the rest is zero."""
+    return np.sqrt(np.sum(series**2, axis=axis) / np.maximum(np.count_nonzero(series, axis=axis), 1))
+
+
 def foreseen(live: np.ndarray) -> np.ndarray:
     """Tell which samples, (..., n), are judged and whose past is: all but the first behind one that is not judged."""
     return live & np.concatenate([live[..., :1], live[..., :-1]], axis=-1)
@@ -403,6 +408,14 @@ def _aligned(channels: Sequence[Vector]) -> Vector:
     return np.array([x[:n] for x in channels])
 
 
+def inside(run: Segments, n: int) -> np.ndarray:
+    """Tell which of `n` samples are in segments, shape (n,)."""
+    out = np.zeros(n, bool)
+    for a, b in run:
+        out[a:b] = True
+    return out
+
+
 def inside_of(bank: Vector, run: Segments) -> Vector:
     """Join the samples of segments, (..., n) -> (..., fewer)."""
     return np.concatenate([bank[..., a:b] for a, b in run] or [bank[..., :0]], axis=-1)
@@ -437,22 +450,20 @@ def quiet_segments(
     """
     out = []
     for e, run in zip(residuals, segments, strict=True):
-        inside = np.zeros(e.shape[1], bool)
-        for start, stop in run:
-            inside[start:stop] = True
+        known = inside(run, e.shape[1])
         loud, live = np.zeros(e.shape[1], bool), live_in(run)
         for c, x in enumerate(e):
-            own = inside if live is None else inside & live[c]
+            own = known if live is None else known & live[c]
             centred, box = np.where(own, x - np.mean(x[own]) if own.any() else x, 0.0), np.ones(length) / length
             power = np.convolve(centred**2, box, mode="same")
             if live is not None:
                 power = power / np.maximum(np.convolve(own, box, mode="same"), 1.0 / length)
             loud |= (power > limit**2 * np.median(power[own] if own.any() else power)) & own
-        if loud.sum() > 0.3 * inside.sum():
+        if loud.sum() > 0.3 * known.sum():
             out.append(run)
             continue
-        kept = [(a, b) for a, b in stretches(inside & ~loud) if b - a > 60]
-        out.append(with_bounds(kept, run) if sum(b - a for a, b in kept) > 0.3 * inside.sum() else run)
+        kept = [(a, b) for a, b in stretches(known & ~loud) if b - a > 60]
+        out.append(with_bounds(kept, run) if sum(b - a for a, b in kept) > 0.3 * known.sum() else run)
     return out
 
 
