@@ -130,13 +130,13 @@ def rubbing(monkeypatch, axes, law, n=3, each=1000.0):
         )
         for k, w in enumerate(axes)
     ]
-    rubs = [SimpleNamespace(place=place, effect=CATALOGUE["viscous_friction"]) for place in places]
+    rubs = [Candidate(CATALOGUE["viscous_friction"], place) for place in places]
     laws = SimpleNamespace(candidates=[Candidate(CATALOGUE["time_delay"], SimpleNamespace(A=()))])
     bank = SimpleNamespace(corrections="corrections", laws=laws)
 
     def fit(effects, noise):
         there = {c.place.location["index"] for c in effects} & set(range(n))
-        return SimpleNamespace(deviance=1000.0 + each * (n - len(there)), n_rows=900)
+        return SimpleNamespace(deviance=1000.0 + each * (n - len(there)), n_judged=900)
 
     search = SimpleNamespace(
         problem=SimpleNamespace(torque=True, model=SimpleNamespace(n_motors=n)),
