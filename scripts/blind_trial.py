@@ -153,7 +153,7 @@ def add_trial_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--positions", choices=("joint", "motor", "both"))
     parser.add_argument("--bits", type=int, choices=(14, 17), help="of the encoders")
     parser.add_argument("--noise", choices=("white", "coloured"))
-    parser.add_argument("--motion", choices=("loop", "prescribed"))
+    parser.add_argument("--motion", choices=("loop", "prescribed", "moves"))
     parser.add_argument("--duration", type=float, default=60.0, help="of each recording [s]")
     parser.add_argument("--recordings", type=int, default=1, help="to learn from")
     parser.add_argument("--vary", nargs="*", choices=("pretension", "payload"), default=[], help="between recordings")

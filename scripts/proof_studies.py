@@ -93,6 +93,13 @@ STUDIES = {
         lambda k: f"--plant mujoco --count {min(k % 3, 1)} {_bits(k)}",
         PLAIN,
     ),
+    "moves": Study(
+        0.06,
+        300,
+        "nothing or one effect at plain size, moved from point to point with friction that sticks",
+        lambda k: f"--motion moves --count {min(k % 3, 1)} {_bits(k // 3)}",
+        PLAIN,
+    ),
     "several": Study(0.02, 150, "nothing or one effect, in recordings under different conditions", _several),
 }
 

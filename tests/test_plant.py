@@ -13,7 +13,7 @@ import cdm_pin.plant
 from cdm_pin.errors import InputError
 from cdm_pin.plant import laws as law
 from cdm_pin.plant.absolute import Reference, closed_loop, compliant_loop, motor_torques, prescribed
-from cdm_pin.plant.arms import arm_from_file, draw_arm, draw_reference, draw_servo, manipulator_file
+from cdm_pin.plant.arms import arm_from_file, draw_arm, draw_moves, draw_reference, draw_servo, manipulator_file
 from cdm_pin.plant.catalogue import CATALOGUE, EVERYTHING, draw_fault
 from cdm_pin.plant.compile import compile_laws
 from cdm_pin.plant.draw import draw
@@ -284,3 +284,24 @@ def test_faults_of_the_body_change_the_body():
     M, h = np.empty((2, 2)), np.empty(2)
     mass_and_bias(motion.phi[7], motion.w[7], arm.length, *lumped(arm), arm.gravity, M, h)
     np.testing.assert_allclose(motion.C[7], M @ motion.a[7] + h, atol=1e-12)
+
+
+def test_friction_sticks_between_moves():
+    """A dry joint under a servo that moves from point to point slides at its friction and rests on less than that."""
+    rng = np.random.default_rng(3)
+    arm, scale = draw_arm(rng, 2, rotors=False)
+    model = arm_from_file(manipulator_file(arm, rng), arm)
+    dry = Fault("coulomb_friction", {"kind": "joint", "index": 2}, {"coulomb": 0.5}, ("coulomb",), width=-5e-5)
+    motion = simulate_run(arm, [dry], model, draw_servo(rng, model, scale), draw_moves(rng, 2, 20.0), 20.0)
+    bare, _, _ = motor_torques(
+        arm, compile_laws([], arm.ratio, 2), ideal_cables(2), motion.phi, motion.w, motion.a, motion.step
+    )
+    friction = (motion.tau_m - bare)[:, 1] / arm.ratio
+    rate = motion.w[:, 1] - motion.w[:, 0]
+    slides, rests = np.abs(rate) > 0.05, np.abs(rate) < 1e-4
+    assert np.abs(friction).max() <= 0.5 + 1e-9
+    np.testing.assert_allclose(friction[slides], 0.5 * np.sign(rate[slides]), atol=1e-3)
+    assert rests.mean() > 0.1
+    assert np.mean(np.abs(friction[rests]) < 0.45) > 0.1
+    with pytest.raises(InputError, match="MuJoCo"):
+        draw(0, motion="moves", plant="mujoco")

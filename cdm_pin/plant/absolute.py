@@ -22,12 +22,17 @@ from .planar import hinge_reactions, lumped, mass_and_bias, solve_in_place
 
 
 class Reference(NamedTuple):
-    """Fourier series of the joint angles [rad]: centre (n,), sine and cosine (n, K), base frequency [rad/s]."""
+    """Joint angles [rad] over time: a Fourier series, moves from point to point, or both.
+
+    Centre (n,), sine and cosine (n, K), base frequency [rad/s]; moves (m, 4) of one joint each: which (from 0), when it
+    begins [s], how long it takes [s] and how far it goes [rad], along a polynomial of fifth order.
+    """
 
     centre: np.ndarray
     sine: np.ndarray
     cosine: np.ndarray
     omega: float
+    moves: np.ndarray = np.zeros((0, 4))
 
 
 class Servo(NamedTuple):
@@ -56,6 +61,12 @@ def reference_at(reference, t, phi, w, a):
             phi[i] += p * s + q * c
             w[i] += o * (p * c - q * s)
             a[i] -= o * o * (p * s + q * c)
+    for joint, start, length, far in reference.moves:
+        u = min(max((t - start) / length, 0.0), 1.0)
+        i = int(joint)
+        phi[i] += far * u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
+        w[i] += far / length * 30.0 * u * u * (1.0 - u) ** 2
+        a[i] += far / length**2 * 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)
     for i in range(1, n):
         phi[i] += phi[i - 1]
         w[i] += w[i - 1]

@@ -93,6 +93,23 @@ def draw_reference(rng: np.random.Generator, n: int, *, speed: float = 1.0, limi
     return Reference(centre, sine * size[:, None], cosine * size[:, None], omega)
 
 
+def draw_moves(
+    rng: np.random.Generator, n: int, duration: float, *, speed: float = 1.0, limit: float = 1.6
+) -> Reference:
+    """Draw moves from point to point inside `limit` [rad] of straight, of some joints each time, with rests between."""
+    now, centre, rows = float(rng.uniform(0.2, 1.0)), rng.uniform(-0.5, 0.5, n) * limit, []
+    at, fast, longest = centre.copy(), speed * rng.uniform(0.8, 2.0), rng.uniform(0.5, 3.0)
+    while now < duration:
+        moving = np.flatnonzero(rng.random(n) < rng.uniform(0.3, 1.0))
+        far = rng.uniform(-limit, limit, len(moving)) - at[moving]
+        takes = np.maximum(1.875 * np.abs(far) / (fast * rng.uniform(0.5, 1.0, len(moving))), 0.4)
+        rows += [(float(i), now, t, x) for i, t, x in zip(moving, takes, far, strict=True)]
+        at[moving] += far
+        now += float(takes.max(initial=0.0) + rng.uniform(0.2, longest))
+    still = np.zeros((n, 1))
+    return Reference(centre, still, still.copy(), 1.0, np.array(rows))
+
+
 def draw_servo(rng: np.random.Generator, model: Arm, scale: float) -> Servo:
     """Bandwidth 2-5 Hz and damping 0.7 on the nominal inertia, any share of feed-forward, a little ripple."""
     D = lumped(model)[0] + model.rotor / model.ratio**2

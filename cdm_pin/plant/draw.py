@@ -18,7 +18,7 @@ import yaml
 
 from ..errors import InputError, SimulationError, nearest
 from ..files import whole_file, whole_folder
-from .arms import arm_from_file, draw_arm, draw_reference, draw_servo, manipulator_file
+from .arms import arm_from_file, draw_arm, draw_moves, draw_reference, draw_servo, manipulator_file
 from .catalogue import CATALOGUE, EVERYTHING, draw_fault
 from .faults import Entry, Fault
 from .mujoco_run import CANNOT, simulate_in_mujoco
@@ -103,7 +103,7 @@ def draw(
     positions: Positions | None = None,
     bits: int | None = None,
     noise: Literal["white", "coloured"] | None = None,
-    motion: Literal["loop", "prescribed"] | None = None,
+    motion: Literal["loop", "prescribed", "moves"] | None = None,
     plant: Literal["absolute", "mujoco"] = "absolute",
     jitter: float = 0.05,
     tensions: bool = False,
@@ -137,8 +137,9 @@ def draw(
         Draw from laws that no catalogue has.
     positions, bits, noise : optional
         Which positions are logged, encoder bits (14 or 17), white or AR(1)-with-drift torque noise.
-    motion : "loop" or "prescribed", optional
-        Under a servo with wrong masses, or held exactly on the reference.
+    motion : "loop", "prescribed" or "moves", optional
+        Under a servo with wrong masses, or held exactly on the reference; "moves" go from point to point under a servo,
+        with rests at which dry friction sticks, and are never drawn where this is left out.
     plant : "absolute" or "mujoco"
         What makes the motion; MuJoCo always runs a servo, and carries fewer effects.
     jitter : float
@@ -155,11 +156,14 @@ def draw(
     Raises
     ------
     InputError
-        If an effect is unknown or cannot be shown by the positions asked for.
+        If an effect is unknown or cannot be shown by the positions asked for, or MuJoCo is asked for friction that
+        sticks.
     SimulationError
         If no servo can follow at any speed tried; says what was wrong at first.
     """
     settings = {name: value for name, value in locals().items() if name != "seed"}
+    if motion == "moves" and plant == "mujoco":
+        raise InputError("the MuJoCo plant has no friction that sticks; moves need the other")
     first: SimulationError | None = None
     for again, slower in itertools.product(range(_ANEW), _SLOWER):
         try:
@@ -185,9 +189,12 @@ def _draw(
     model = arm_from_file(content, arm)
     sensors = Sensors(_positions(rng, names, positions), int(bits or rng.choice([14, 17])), rate, jitter, tensions)
     level = _noise(rng, 0.1 * scale * arm.ratio * np.ones(n), noise)
-    looped = compliant or plant == "mujoco" or (motion or rng.choice(["loop", "prescribed"])) == "loop"
+    looped = compliant or plant == "mujoco" or (motion or rng.choice(["loop", "prescribed"])) != "prescribed"
     servo = draw_servo(rng, model, scale) if looped else None
-    references = [draw_reference(rng, n, speed=slower * rng.uniform(0.7, 1.3)) for _ in range(n_recordings + n_holdout)]
+    references = [
+        draw_moves(rng, n, duration, speed=speed) if motion == "moves" else draw_reference(rng, n, speed=speed)
+        for speed in (slower * rng.uniform(0.7, 1.3) for _ in range(n_recordings + n_holdout))
+    ]
     own = [_conditions(rng, conditions if k else (), arm, scale) for k in range(len(references))]
     times = [sampling_times(sensors, duration, rng) for _ in references]
 
@@ -207,7 +214,7 @@ def _draw(
         return oracle.scene, [oracle.visibility(k) for k in range(len(faults))]
 
     for _ in range(20):
-        faults = [fault.scaled(factor) for fault in _faults(rng, names, n, scale, arm, plant)]
+        faults = [fault.scaled(factor) for fault in _faults(rng, names, n, scale, arm, plant, motion)]
         scene, seen = shown(faults)
         told = [s for s, f in zip(seen, faults, strict=True) if not _in_rigid_body(f, n, sensors.positions)]
         if all(s["visibility"] >= at_least for s in told):
@@ -226,7 +233,8 @@ def _draw(
         record(run, faults, sensors, level, t, rng, arm._replace(pretension=its.get("pretension", arm.pretension)))
         for run, t, its in zip(runs, times, own, strict=True)
     ]
-    truth = _truth(seed, plant, altered(arm, faults)[0], faults, seen, sensors, level, servo, scale)
+    way = motion if motion == "moves" else "loop" if looped else "prescribed"
+    truth = _truth(seed, plant, altered(arm, faults)[0], faults, seen, sensors, level, way, scale)
     return Trial(content, tuple(logs[:n_recordings]), tuple(logs[n_recordings:]), truth, scene, tuple(own))
 
 
@@ -297,7 +305,11 @@ def _names(rng, effects, n, table, positions) -> list[str]:
 _PATHS = ("transmission_ratio_error", "pulley_eccentricity", "transmission_coupling", "backlash")
 
 
-def _faults(rng, names, n, scale, arm, plant) -> list[Fault]:
+_BENDS = 5e-5
+"""By how much [rad] parts that stick bend before they slide."""
+
+
+def _faults(rng, names, n, scale, arm, plant, motion) -> list[Fault]:
     """Draw the faults by name; amplitudes drawn for joints are made those of motors where a motor is the place."""
     tension = plant == "absolute"  # no other has cables that remember theirs
     faults: list[Fault] = []
@@ -309,7 +321,8 @@ def _faults(rng, names, n, scale, arm, plant) -> list[Fault]:
             fault = replace(fault, parameters=fault.parameters | {"torque": fault.parameters["torque"] * carried})
         if fault.location["kind"] in ("motor", "combination") and fault.effect not in _UNSCALED_AT_MOTOR:
             fault = fault.scaled(arm.ratio)
-        faults.append(replace(fault, width=float(rng.uniform(0.01, 0.03))))
+        width = -_BENDS if motion == "moves" else float(rng.uniform(0.01, 0.03))
+        faults.append(replace(fault, width=width))
     return faults
 
 
@@ -317,7 +330,7 @@ _UNSCALED_AT_MOTOR = ("torque_dependent_friction", "torque_gain_error", "time_de
                       "gain_falls_as_motor_warms")  # fmt: skip
 
 
-def _truth(seed, plant, true, faults, seen, sensors, noise, servo, scale) -> dict[str, Any]:
+def _truth(seed, plant, true, faults, seen, sensors, noise, motion, scale) -> dict[str, Any]:
     effects = [
         {
             "effect": f.effect,
@@ -349,5 +362,5 @@ def _truth(seed, plant, true, faults, seen, sensors, noise, servo, scale) -> dic
         "scale": scale,
         "noise": {"std": noise.std.tolist(), "correlation": noise.correlation, "drift": noise.drift},
         "sensors": {"positions": sensors.positions, "bits": sensors.bits, "jitter": sensors.jitter},
-        "motion": "prescribed" if servo is None else "loop",
+        "motion": motion,
     }

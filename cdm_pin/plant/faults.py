@@ -30,7 +30,7 @@ class Fault:
     form : str
         Which of several laws of that name.
     width : float
-        Width of the smooth sign of velocity [rad/s at the joint].
+        Width of the smooth sign of velocity [rad/s at the joint]; negative where it sticks, by how much [rad] it bends.
     in_catalogue : bool
         Whether a diagnosis can know its name.
     """

@@ -20,11 +20,16 @@ from numba import njit
 (BUMP, CROSS_ANGLE, CUBIC, SINUSOID, RUB, SPEED_GAIN, DETENT, CROSS_SPRING, BREAK_IN, RANDOM_WALK, DEAD_BAND, SWITCH_ON,
  CROSS_SPEED, TOOTH, WARMING_SPRING, THERMAL_GAIN) = range(100, 116)  # fmt: skip
 N_PARAMETERS, N_STATES = 8, 5
-WIDTH = 7  # index of the width [rad/s] of the smooth sign in a law's parameters
+WIDTH = 7  # index of the width [rad/s] of the smooth sign in a law's parameters; negative [rad]: it sticks
+STUCK = 4  # index of the bristle among a law's states, from -1 to 1
 
 
 class Laws(NamedTuple):
-    """Laws side by side: kind (m,), coordinates A, B and A2 (m, n), parameters (m, 8), the cable whose load counts."""
+    """Laws side by side: kind (m,), coordinates A, B and A2 (m, n), parameters (m, 8), the cable whose load counts.
+
+    Dry friction has a smooth sign, or it sticks: a bristle that bends by so much [rad] before it slides, where the
+    width among its parameters is the negative of that.
+    """
 
     kind: np.ndarray
     A: np.ndarray
@@ -37,6 +42,9 @@ class Laws(NamedTuple):
 @njit(cache=True)
 def advance(kind, p, z, ds, dt):
     """Move a law's internal states `z` on by `dt` under the mean rate `ds` (exact for a constant rate)."""
+    if p[WIDTH] < 0:
+        way = 1.0 if ds > 0 else -1.0
+        z[STUCK] = way + (z[STUCK] - way) * np.exp(abs(ds) * dt / p[WIDTH])
     if kind == DAHL or kind == TENSION or kind == LUGRE:
         limit = 1.0
         if kind == LUGRE:
@@ -74,7 +82,7 @@ def strand_torque(mu, load, wrap_upper, wrap_lower, sign, pretension, radius):
 @njit(cache=True)
 def force(kind, p, z, t, s, ds, s2, ds2, load, reaction, arm):
     """Give the force [N m] of one law at rate `ds`; `load` is the torque carried there, `reaction` the hinge force."""
-    sign = np.tanh(ds / p[WIDTH]) if p[WIDTH] > 0 else 0.0
+    sign = np.tanh(ds / p[WIDTH]) if p[WIDTH] > 0 else z[STUCK]
     if kind == VISCOUS:
         return p[0] * ds
     if kind == COULOMB:

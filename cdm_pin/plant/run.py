@@ -53,6 +53,7 @@ def altered(arm: Arm, faults: Sequence[Fault]) -> tuple[Arm, Cables]:
 
 
 MOST_SUBSTEPS = 2  # where only dry friction asks for more
+_SWINGS = 3.0  # steps that are asked for where something swings whose states move on between them
 STIFF = 16  # where elastic cables ask for more, they are at rest with the load they carry
 
 
@@ -73,6 +74,9 @@ def _integrable(arm: Arm, laws: Laws, cables: Cables, phi: np.ndarray) -> tuple[
             if kind in DRY:  # the slope of a smooth sign over the inertia that feels it
                 g = A @ to_joint + np.where(elastic, 0.0, B / arm.ratio)
                 mobility = g @ inverse @ g + (elastic * B**2 / np.maximum(arm.rotor, 1e-9)).sum()
+            if kind in DRY and p[WIDTH] < 0:  # a bristle and that inertia swing
+                stiffest = max(stiffest, _SWINGS * np.sqrt(DRY[kind](p) * mobility / -p[WIDTH]))
+            elif kind in DRY:
                 p[WIDTH] = max(p[WIDTH], DRY[kind](p) * mobility / most)
                 stiffest = max(stiffest, DRY[kind](p) / p[WIDTH] * mobility)
         for i in np.flatnonzero(elastic):
@@ -106,6 +110,8 @@ def simulate_run(
             return _checked(Motion(*run, FINE_STEP))
         if elastic.any():
             eased, steps = _integrable(true, laws, ideal_cables(len(elastic)), phi)
+        if steps > STIFF and (laws.parameters[:, WIDTH] < 0).any():
+            raise SimulationError("friction sticks too hard to be integrated")
         phi, w, a = closed_loop(true, eased, model, servo, reference, FINE_STEP, min(steps, STIFF), N, lead)
     tau_m, q_m, C = motor_torques(true, laws, cables, phi, w, a, FINE_STEP)
     q_m[:, elastic] += stretched(cables, C, FINE_STEP)[:, elastic] / true.ratio
