@@ -21,6 +21,8 @@ SHORT = 128
 """Samples of a stretch from which on lines are looked for in its spectrum."""
 AT_REST = 1.5
 """How many times its error in motion that of a motor at rest is from which on it is no noise."""
+SUPPORT = 12.0
+"""Degrees of freedom by which noise beside smooth functions is known at least; with fewer they are left out."""
 OWN = 0.02
 """Share of the torque at a frequency that a disturbance there makes at least."""
 
@@ -55,7 +57,10 @@ def _left_over(
     search: Search, effects: Sequence[Candidate], further: Sequence[Vector] | None
 ) -> tuple[list[Vector], Spectrum]:
     residuals, basis = plain_rest(search, effects, further)
-    return residuals, spectrum(residuals, basis, quiet_segments(residuals, search.problem.segments))
+    noise = spectrum(residuals, basis, quiet_segments(residuals, search.problem.segments))
+    if further is not None and noise.dof.sum(axis=1).min() < SUPPORT:
+        return _left_over(search, effects, None)
+    return residuals, noise
 
 
 def plain_rest(
