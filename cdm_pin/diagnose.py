@@ -21,7 +21,7 @@ from .explain import explain
 from .explanation import Explanation, Found
 from .geometry import Manipulator
 from .judging import judge_of, sized, validated
-from .leftover import errs_at_rest, left_over
+from .leftover import holding_axes, left_over
 from .likelihood import likelihood
 from .masses import about
 from .model import CableModel
@@ -125,12 +125,16 @@ def diagnose(
         return Diagnosis(insufficient_content(problem, reason), model, model.manipulator)
     base = base_parameters(model, columns=massive_columns(model))
     search = Search(problem, base, settings)
-    if problem.partly and not errs_at_rest(search):
-        problem = problem.judged_throughout()
+    holding = holding_axes(search) if problem.partly else problem.resting
+    free = problem.resting - holding
+    if free:
+        problem = problem.judged_without(holding)
         search = Search(problem, base, settings)
     search = about(search, search.fit([]))
     first = _beside_drifts(search, progress)
-    seen = make_problem(model, unseen, problem.band, len(recordings), problem.resting) if unseen else None
+    seen = make_problem(model, unseen, problem.band, len(recordings), holding) if unseen else None
+    if seen is not None and seen.resting & free:
+        seen = seen.judged_without(seen.resting - free)
     soft = _swinging(Search(problem, base, settings), seen, first, progress)
     judge, explanation = validated(seen, soft)
     if explanation.search.problem.swings:

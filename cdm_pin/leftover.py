@@ -11,6 +11,7 @@ from .candidates import Candidate
 from .fit import Fit, least_squares
 from .geometry import Vector
 from .patches import TONE
+from .places import axis_places
 from .recent import kept, lasting
 from .search import Search, key_of
 from .shapes import shape_slopes
@@ -19,8 +20,8 @@ from .whitening import Whitener, blanked, inside_of, log_p, put_back, quiet_segm
 
 SHORT = 128
 """Samples of a stretch from which on lines are looked for in its spectrum."""
-AT_REST = 1.5
-"""How many times its error in motion that of a motor at rest is from which on it is no noise."""
+AT_REST, FEW = 1.5, 10
+"""How many times their error in motion motors err along an axis at rest, from which on it holds; of so many samples."""
 SUPPORT = 12.0
 """Degrees of freedom by which noise beside smooth functions is known at least; with fewer they are left out."""
 OWN = 0.02
@@ -100,27 +101,49 @@ def plain_rest(
     return residuals, basis
 
 
-def errs_at_rest(search: Search) -> bool:
-    """Whether a motor errs far more while an axis rests than else, as where friction holds what the motors leave it.
+def holding_axes(search: Search) -> frozenset[int]:
+    """Tell which of the axes that rest now and then err far more while they do, as where friction holds what is left.
 
-    Rigid body and what most machines have are fitted where motors are judged. Where nothing rubs, all samples tell.
+    Motors err by what rigid body and what most machines have leave over, in units of their error where no axis rests
+    that they feel. The axis that errs most along itself at rest comes first; the fit of what is judged then shows the
+    next. Where nothing rubs, none does, and all samples tell.
     """
-    common = [search.columns(c) for c in search.common]
-    banks = [
-        np.concatenate([search.rigid[r], *[x[r] for x in common], nominal[None]])
-        for r, nominal in enumerate(search.nominal)
-    ]
-    runs, m = search.problem.segments, search.problem.model.n_motors
-    ones = [np.ones(bank.shape[1:]) for bank in banks]
-    parts = [inside_of(blanked(x, run)[:m], run) for x, run in zip(ones, runs, strict=True)]
-    inside = [inside_of(bank[:, :m], run) for bank, run in zip(banks, runs, strict=True)]
-    W, counted = np.concatenate(inside, axis=2), np.concatenate(parts, axis=1)
-    W = W * np.diag(search.plain.mix)[None, :m, None]
-    rows = (W * counted).reshape(len(W), -1)
-    theta = least_squares(rows[:-1], rows[-1])[0]
-    squares = (W[-1] - np.tensordot(theta, W[:-1], 1)) ** 2
-    moving, resting = (np.sum(squares * x, axis=1) / np.maximum(x.sum(axis=1), 1.0) for x in (counted, 1.0 - counted))
-    return bool(np.any(resting > AT_REST**2 * moving))
+    problem, m = search.problem, search.problem.model.n_motors
+    bodies = [np.concatenate([search.rigid[r], *[x[r] for x in map(search.columns, search.common)]])
+              for r in range(len(problem.runs))]  # fmt: skip
+    own = [np.concatenate([inside_of(x[:, :m], run) for x, run in zip(part, problem.segments, strict=True)], axis=2)
+           for part in (bodies, [x[None] for x in search.nominal])]  # fmt: skip
+    W, y = own[0], own[1][0]
+
+    def counted(axes: frozenset[int]) -> np.ndarray:
+        lives = [run.judged for run in problem.judged_without(axes).runs]
+        parts = zip(lives, problem.data, problem.segments, strict=True)
+        whole = [np.ones(x.shape[1:], bool)[:m] if live is None else live for live, x, _ in parts]
+        return np.concatenate([inside_of(x, run) for x, run in zip(whole, problem.segments, strict=True)], axis=1)
+
+    def errors(live: np.ndarray, size: Vector) -> tuple[Vector, Vector]:
+        rows = (W / size[:, None] * live).reshape(len(W), -1)
+        theta, U, _ = least_squares(rows, (y / size[:, None] * live).reshape(-1))
+        free = live.sum(axis=1) - np.sum(U.reshape(m, -1, U.shape[1]) ** 2, axis=(1, 2))
+        return y - np.tensordot(theta, W, 1), np.maximum(free, 1.0)
+
+    e, free = errors(still := counted(problem.resting), 1.0 / np.diag(search.plain.mix)[:m])
+    size = np.sqrt(np.sum((e * still) ** 2, axis=1) / free)
+    alone = {k: ~counted(frozenset({k})) for k in problem.resting}
+    weights = [place.weights(problem.model) for place in axis_places(problem.model)]
+    holding: frozenset[int] = frozenset()
+    while True:
+        e = errors(counted(holding), size)[0] / size[:, None] if holding != problem.resting else e
+        worst = {}
+        for k in problem.resting - holding:
+            w = weights[k] / size
+            rests = alone[k].any(axis=0) & counted(holding)[np.abs(w) > 0.0].all(axis=0)
+            if rests.sum() >= FEW:
+                worst[k] = float(np.sqrt(np.mean((w @ e[:, rests] / np.linalg.norm(w)) ** 2)))
+        k = max(worst, key=lambda k: worst[k], default=None)
+        if k is None or worst[k] < AT_REST:
+            return holding
+        holding |= {k}
 
 
 def clear_noise(search: Search, effects: Sequence[Candidate]) -> Whitener:

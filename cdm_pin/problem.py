@@ -165,9 +165,13 @@ class Problem:
         further = np.ones((self.n_channels - len(run.judged), run.judged.shape[1]), bool)
         return Stretches(bounds, np.concatenate([run.judged, further]))
 
-    def judged_throughout(self) -> Problem:
-        """Give the same problem with all samples judged, those at rest as well."""
-        return replace(self, runs=tuple(replace(run, judged=None) for run in self.runs), resting=frozenset())
+    def judged_without(self, axes: frozenset[int]) -> Problem:
+        """Give the same problem with all samples judged but those at which some axes rest."""
+        runs = [
+            replace(run, judged=judged(run.motion, run.signals.valid, self.band, axes) if self.torque else None)
+            for run in self.runs
+        ]
+        return replace(self, runs=tuple(runs), resting=axes)
 
     @property
     def partly(self) -> bool:

@@ -11,7 +11,7 @@ import pytest
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.diagnose import diagnose
 from cdm_pin.dynamics import motor_torques
-from cdm_pin.leftover import errs_at_rest
+from cdm_pin.leftover import holding_axes
 from cdm_pin.likelihood import likelihood
 from cdm_pin.model import load_model
 from cdm_pin.problem import make_problem
@@ -79,9 +79,9 @@ def test_friction_is_measured_where_it_slides():
 def test_rest_is_judged_where_nothing_rubs():
     model = load_model(ARM)
     clean, stuck = (searched(model, point_to_point(model, 3, coulomb)) for coulomb in (0.0, 0.4))
-    assert clean.problem.partly and not errs_at_rest(clean)
-    assert errs_at_rest(stuck)
-    throughout = clean.problem.judged_throughout()
+    assert clean.problem.partly and not holding_axes(clean)
+    assert holding_axes(stuck)
+    throughout = clean.problem.judged_without(frozenset())
     assert not throughout.partly and not throughout.resting
 
 
