@@ -18,7 +18,7 @@ from .pushes import briefest, run_of
 from .robust import UNSURE, is_coarse
 from .search import Search, errors, rms
 from .walking import walking_noise
-from .whitening import inside_of
+from .whitening import blanked, inside_of
 
 ALIKE = 0.95
 """Cosine of the motors' shares beyond which two effects act along one coordinate."""
@@ -26,6 +26,8 @@ OPEN = 4.0
 """Speed, over that which is told from noise, up to which the law of dry friction leaves its sign open."""
 ROUNDED = 2.0
 """How many times the torque that steps of encoders bring a correction without a name has to make."""
+SEEN = 0.02
+"""Share of a push's square that is judged at least."""
 MOST_STRETCH = 0.35
 """By how much no cable gives under what it carries [rad]."""
 
@@ -36,7 +38,8 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
     Of a correction without a name that share counts which the fit leaves over, and where positions are too coarse for
     the accelerations in the band, it has to be larger still; it has to exceed what steps of encoders can bring, and
     where they are too coarse what the sensors bring by themselves. A push has to last for as long as the band can tell
-    from an outlier, to exceed half a step of the torque, and where nothing moves to exceed what dry friction holds. A
+    from an outlier, and to be judged while it does; it has to exceed half a step of the torque, and where nothing moves
+    what dry friction holds. A
     reading has to be off by more than encoders on both sides round. A cable gives as a spring first, then as a damper.
     What a zero is off by has to be more than it drifts by, a delay more than the instants of samples are unsure by.
     """
@@ -45,7 +48,7 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
         return False
     if push and candidate.shape[1] - candidate.shape[0] < briefest(problem.band):
         return False
-    if push and _is_held(search, candidate, float(np.abs(beta[0])), fit):
+    if push and (_is_held(search, candidate, float(np.abs(beta[0])), fit) or not _is_judged(search, candidate)):
         return False
     if candidate.effect.name == "encoder_offset" and problem.kinematic and not _is_in_means(search, candidate, fit):
         return False
@@ -76,6 +79,14 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
     if not np.any(visible * own[:m] > least):
         return False
     return candidate.effect.name not in RUBS or not _is_pushed(search, torque, fit)
+
+
+def _is_judged(search: Search, push: Candidate) -> bool:
+    """Whether motors are judged while a push lasts, and not only before it and after."""
+    columns = search.columns(push)
+    seen = [blanked(x, run) for x, run in zip(columns, search.problem.segments, strict=True)]
+    whole, judged = (sum(float(np.sum(x**2)) for x in part) for part in (columns, seen))
+    return judged >= SEEN * whole
 
 
 def _is_rounded(search: Search, reading: Candidate, beta: Vector) -> bool:

@@ -17,8 +17,9 @@ from .standstill import reach, standing
 from .unexplained import something
 from .whitening import inside
 
-HARDER, CLEAR = 1.3, 2.0
-"""How many times its friction in motion, and how many times the noise beside that, dry friction holds at most."""
+HARDER, PEAKED, CLEAR = 1.3, 1.1, 2.0
+"""How many times its friction in motion, that with its peak where it has one, and how many times the noise beside that,
+dry friction holds at most."""
 LESS, FEW = 0.95, 30
 """Share of the samples at rest in which it holds less than what counts, and how many of these there have to be."""
 
@@ -37,7 +38,7 @@ def sticking(search: Search, fit: Fit) -> dict[str, Any] | None:
         for run in search.problem.runs
     ]
     worst: tuple[float, dict[str, Any] | None] = (1.0, None)
-    for k in sorted(search.problem.resting):
+    for k in range(len(places)):
         weights = places[k].weights(model)
         laws = [j for j, c in enumerate(fit.effects) if c.rubs and parallel(c.place.weights(model), weights)]
         if not laws:
@@ -50,7 +51,7 @@ def sticking(search: Search, fit: Fit) -> dict[str, Any] | None:
         force = np.abs(np.concatenate(held))
         if len(force) < FEW:
             continue
-        least = HARDER * sum(_level(search, fit, j, unit) for j in laws) + CLEAR * float(np.linalg.norm(unit * noise))
+        least = sum(_most_held(search, fit, j, unit) for j in laws) + CLEAR * float(np.linalg.norm(unit * noise))
         most = float(np.quantile(force, LESS))
         if most > worst[0] * least:
             place = places[k].location
@@ -61,14 +62,14 @@ def sticking(search: Search, fit: Fit) -> dict[str, Any] | None:
     return worst[1]
 
 
-def _level(search: Search, fit: Fit, j: int, unit: Vector) -> float:
-    """Give the most that law `j` of a fit takes along a direction of motors, at standstill with its peak."""
-    k = len(fit.effects[j].effect.signs)  # without what details the sign of a velocity
+def _most_held(search: Search, fit: Fit, j: int, unit: Vector) -> float:
+    """Give the most that law `j` of a fit may hold along a direction of motors."""
+    peaks = fit.effects[j].effect.name == "stribeck_friction" and fit.beta[j][0] > 0.0
+    k = 1 if peaks else len(fit.effects[j].effect.signs)  # without what details the sign of a velocity
     columns = search.columns(fit.effects[j])
     torques = [unit @ np.tensordot(fit.beta[j][:k], x[:k], 1)[: len(unit)] for x in columns]
     most = max(float(np.abs(x).max(initial=0.0)) for x in torques)
-    peaks = fit.effects[j].effect.name == "stribeck_friction" and fit.beta[j][0] > 0.0
-    return most * (1.0 + max(float(fit.beta[j][1] / fit.beta[j][0]), 0.0)) if peaks else most
+    return PEAKED * most * (1.0 + max(float(fit.beta[j][1] / fit.beta[j][0]), 0.0)) if peaks else HARDER * most
 
 
 def _alone_at_rest(problem: Problem, still: Sequence[np.ndarray], axis: int) -> np.ndarray:

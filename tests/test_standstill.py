@@ -14,6 +14,7 @@ from cdm_pin.dynamics import motor_torques
 from cdm_pin.leftover import holding_axes
 from cdm_pin.likelihood import likelihood
 from cdm_pin.model import load_model
+from cdm_pin.places import axis_places
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording
 from cdm_pin.search import Search, rms
@@ -83,6 +84,17 @@ def test_rest_is_judged_where_nothing_rubs():
     assert holding_axes(stuck)
     throughout = clean.problem.judged_without(frozenset())
     assert not throughout.partly and not throughout.resting
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+def test_only_the_axis_that_holds_is_passed_over(joint):
+    """Motors that a joint without friction loads are judged while it rests."""
+    model = load_model(ARM)
+    searches = searched(model, point_to_point(model, 9, 0.4 * np.eye(2)[joint]))
+    (axis,) = holding_axes(searches)
+    assert axis_places(model)[axis].location == {"kind": "joint", "index": joint + 1}
+    part, whole = (searches.problem.judged_without(axes).runs[0].judged for axes in ({axis}, searches.problem.resting))
+    assert part.sum() > 1.2 * whole.sum()
 
 
 def test_unseen_recordings_are_judged_as_those_learned_from():
