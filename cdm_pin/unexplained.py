@@ -67,6 +67,8 @@ MOVING = 0.1
 """Share of a joint's speed (rms) from which on it moves."""
 AS_ONE, ERRING = 0.99, 10.0
 """Share of a residual along one direction, and how many times the noise, that no two sensors have alike."""
+ONE, TOGETHER = 0.9, 0.9
+"""Shares of what swings, in units of its noise, that one place makes up, or that is in phase, where it is no hum."""
 HIGHEST = 20.0
 """Frequency up to which a line is taken for a disturbance of the arm [Hz]; above it mains and amplifiers hum."""
 
@@ -507,17 +509,35 @@ def _beside_lines(search: Search, fit: Fit, lines: set[float]) -> Search:
     return search.at(plain.base[: len(search.base.columns)], own)
 
 
-def _usual(x: Vector, t: Vector, frequency: float) -> float:
-    """Give how large series (m, n) usually swing at frequencies near one [Hz]: what noise makes there."""
+def _swings_near(x: Vector, t: Vector, frequency: float) -> Vector:
+    """Give how series (m, n) swing at frequencies near one [Hz], where noise alone is, shape (k, m)."""
     near = frequency + np.r_[-12:-1, 2:13] * 2.0 / (t[-1] - t[0])
-    return float(np.median([np.linalg.norm(x @ np.exp(-2j * np.pi * f * t)) * 2.0 / len(t) for f in near]))
+    return np.array([np.abs(x @ np.exp(-2j * np.pi * f * t)) * 2.0 / len(t) for f in near])
+
+
+def _usual(x: Vector, t: Vector, frequency: float) -> float:
+    """Give how large series (m, n) usually swing, all together, at frequencies near one [Hz]."""
+    return float(np.median(np.linalg.norm(_swings_near(x, t, frequency), axis=1)))
+
+
+def _is_one(amplitude: Vector, model: CableModel, noise: Vector) -> bool:
+    """Whether torques that swing at one frequency are those of one place, or at least go to and fro together.
+
+    Complex amplitudes and what noise makes of them there, each of shape (n_motors,).
+    """
+    A = amplitude / noise
+    whole = float(np.linalg.norm(A))
+    along = [place.weights(model) / noise for place in axis_places(model)]
+    most = max(abs(complex(w @ A)) / float(np.linalg.norm(w)) for w in along)
+    return most > ONE * whole or abs(complex(A @ A)) > TOGETHER * whole**2
 
 
 def swinging_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     """Say where a torque swings at a frequency of its own above the band; None where it does not.
 
     It is looked for in the torques at the full rate. The motion at that frequency must not explain it, with masses that
-    owe nothing to it, nor be too coarsely measured to tell, and it has to be alike in both halves of a recording.
+    owe nothing to it, nor be too coarsely measured to tell, and it has to be alike in both halves of a recording. A hum
+    in the sensors is in every torque, each with a phase of its own.
     """
     if not search.problem.torque:
         return None
@@ -542,7 +562,9 @@ def swinging_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
                 size, spread = np.linalg.norm(0.5 * (early + late)), np.linalg.norm(early - late)
                 alike = size > 0.5 * np.linalg.norm(y @ turn) / len(t) and spread < 0.5 * size
                 if height > best and alike and size > UNTOLD * _usual(moving, t, frequency):
-                    best, told = height, (frequency, 0.5 * (early + late))
+                    noise = np.median(_swings_near(e, t, frequency), axis=0)
+                    if _is_one(0.5 * (early + late), problem.model, noise):
+                        best, told = height, (frequency, 0.5 * (early + late))
     if told is None:
         return None
     frequency, amplitude = told
