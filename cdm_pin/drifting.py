@@ -48,6 +48,12 @@ def with_drift(search: Search, effects: Sequence[Candidate] = (), most: int = QU
     return search.drifting(Drift(slow_waves(search, channels, LONG, quicker), tuple(channels), quicker))
 
 
+def all_drifting(search: Search) -> Search:
+    """Give the same search with slow shapes of every motor's zero, whether these were seen to drift or not."""
+    channels = tuple(range(search.problem.model.n_motors))
+    return search.drifting(Drift(slow_waves(search, channels, LONG), channels))
+
+
 def drifts_like(search: Search, other: Search) -> bool:
     """Whether the zeros of the same motors drift as quickly in another search, or none in either."""
     own, theirs = ((d.channels, d.quicker) if d is not None else None for d in (search.drift, other.drift))

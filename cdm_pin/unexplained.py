@@ -10,7 +10,7 @@ import numpy as np
 
 from .asked import unnamed
 from .candidates import Candidate
-from .drifting import most_drift, still_errors
+from .drifting import all_drifting, is_swamped, most_drift, still_errors
 from .effect import Place
 from .explanation import Explanation, Found
 from .fit import Fit
@@ -161,7 +161,10 @@ def something(
 
 
 def nameless(explanation: Explanation, only_loud: bool = False) -> dict[str, Any] | None:
-    """Describe what is left beside the findings by the correction that explains most of it."""
+    """Describe what is left beside the findings by the correction that explains most of it.
+
+    Zeros of sensors that are elsewhere on every recording are none of it, if only what is loud counts.
+    """
     search, effects = explanation.search, [f.candidate for f in explanation.found]
     patch = unnamed(search, explanation.bank, effects)
     if patch is None:
@@ -170,6 +173,11 @@ def nameless(explanation: Explanation, only_loud: bool = False) -> dict[str, Any
     if only_loud and not is_loud(found.score):
         clear = search.fit(effects, clear_noise(search, effects))  # slow bursts pass for noise otherwise
         if not is_loud(search.score(clear, patch)):
+            return None
+    if only_loud and search.problem.torque and search.drift is None:
+        drifting = all_drifting(search)
+        beside = drifting.fit(effects)
+        if not is_loud(drifting.score(beside, patch)) and not is_swamped(drifting, beside):
             return None
     fit = search.fit([*effects, patch], explanation.fit.whitener)
     return at_corrections(replace(explanation, found=(*explanation.found, found), fit=fit), [found])
