@@ -53,7 +53,7 @@ UNTOLD = 4.0
 """How many times what the noise of positions makes of accelerations a swinging torque has to be."""
 LOUDER = 1.5
 """How many times the noise of the training that of unseen recordings may be."""
-ADRIFT = 5.0
+ADRIFT = 3.0
 """What a travel between encoders leaves over, in steps of these, that no rounding does."""
 STEADY = 30.0
 """Slow power over quick power that no travel between two encoders has; these do not drift."""
