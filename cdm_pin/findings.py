@@ -30,6 +30,7 @@ from .places import kinds_of, parallel
 from .recent import kept
 from .search import Search, rms
 from .shapes import refine, shape_slopes
+from .significance import is_loud
 from .units import unit_at
 from .unseen import beside, stacked
 from .whitening import log_p
@@ -381,15 +382,17 @@ SHAPES = (
 def unsized(explanation: Explanation) -> list[int]:
     """List the findings with a name of which no parameter that says how large they are is known (`is_known`).
 
-    Nor is one that is no such law as it was found.
+    Nor is one that is no such law as it was found, or a loud one whose parameters no such law has.
     """
     fit, out = explanation.fit, []
     covariance, betas, shapes = joint_covariance(explanation.search, fit)
     for j, candidate in enumerate(f.candidate for f in explanation.found):
         index = np.r_[betas[j], shapes[j]]
         spread = covariance[np.ix_(index, index)]
-        known = is_known(parameters(candidate, fit.beta[j], spread), candidate, fit.beta[j], spread)
-        if candidate.named and not (known and is_lawful(fit, j)):
+        values = parameters(candidate, fit.beta[j], spread)
+        sized = is_known(values, candidate, fit.beta[j], spread) and is_lawful(fit, j)
+        odd = is_loud(explanation.found[j].score) and not is_admissible(candidate.effect, values)
+        if candidate.named and (odd or not sized):
             out.append(j)
     return out
 

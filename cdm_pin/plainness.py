@@ -38,11 +38,12 @@ PREFERENCE, DRY = 2.0, 1.0
 def plainer(explanation: Explanation, equal: float = 1.0) -> Explanation:
     """Put a law where it is as likely if friction elsewhere is dry then, without more.
 
-    A constant torque on one motor is one on another and friction that is not the same both ways.
+    A constant torque on one motor is one on another and friction that is not the same both ways; friction that drives
+    one way is dry friction and a constant torque.
     """
     search, whitener = explanation.search, explanation.fit.whitener
     accepted, found = [f.candidate for f in explanation.found], explanation.found
-    trials = []
+    trials, sound = [], _is_sound(explanation.fit)
     for i, refined in enumerate(accepted):
         if refined.effect.name not in REFINING:
             continue
@@ -50,8 +51,10 @@ def plainer(explanation: Explanation, equal: float = 1.0) -> Explanation:
             trial = [refined.dry if k == i else rival if k == j else c for k, c in enumerate(accepted)]
             if rival.named and not any(a.clashes(b) for a, b in itertools.combinations(trial, 2)):
                 trials.append(trial)
-    trials += [trial for trial in _evened(accepted, explanation) if _is_sound(search.fit(trial, whitener))]
-    best, chosen = search.settings.close, accepted
+    trials += [
+        trial for trial in _evened(accepted, explanation, 2 if sound else 1) if _is_sound(search.fit(trial, whitener))
+    ]
+    best, chosen = search.settings.close * (1.0 if sound else -1.0), accepted
     for trial in trials:
         fit = search.fit(trial, whitener)
         fewer = search.size(*accepted) - search.size(*trial)
@@ -63,17 +66,18 @@ def plainer(explanation: Explanation, equal: float = 1.0) -> Explanation:
 
 def _is_sound(fit: Fit) -> bool:
     """Whether all effects of a fit have coefficients such as their laws may have."""
-    return all(c.is_plausible(beta, fit.effects) for c, beta in zip(fit.effects, fit.beta, strict=True))
+    others = [[c for c in fit.effects if c is not own] for own in fit.effects]
+    return all(c.is_plausible(b, beside) for c, b, beside in zip(fit.effects, fit.beta, others, strict=True))
 
 
-def _evened(accepted: list[Candidate], explanation: Explanation) -> list[list[Candidate]]:
-    """Give explanations by dry friction and a constant torque on one motor where several axes rub unequally.
+def _evened(accepted: list[Candidate], explanation: Explanation, least: int) -> list[list[Candidate]]:
+    """Give explanations by dry friction and a constant torque on one motor where so many axes rub unequally.
 
     What they rub unequally by may cancel on all motors but one.
     """
     uneven = [c for c in accepted if c.effect.name == "asymmetric_friction"]
     taken = {c.key for c in accepted}
-    if len(uneven) < 2 or any(c.dry.key in taken for c in uneven):
+    if len(uneven) < least or any(c.dry.key in taken for c in uneven):
         return []
     offsets = [c for c in explanation.bank.laws.candidates if c.effect.name == "torque_offset" and c.key not in taken]
     return [[*(c.dry if c in uneven else c for c in accepted), offset] for offset in offsets]

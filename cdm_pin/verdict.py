@@ -18,6 +18,7 @@ from .model import CableModel
 from .parts import Part
 from .places import axis_place, parallel
 from .search import Search
+from .significance import is_loud
 from .sticking import sticking
 from .unexplained import (
     at_corrections,
@@ -172,11 +173,15 @@ def _named(model: CableModel, judge: Search | None, explanation: Explanation, di
 
 
 def _corrected(verdict: Verdict) -> Verdict:
-    """Whether corrections without a name stand in the explanation; where much is left, little stands beside them."""
+    """Whether corrections without a name stand in the explanation; where much is left, little stands beside them.
+
+    Masses that err with what has no name make small pushes.
+    """
     if not verdict.corrections:
         return verdict
     judge, explanation = verdict.judge, verdict.explanation
-    verdict = replace(verdict, unexplained=at_corrections(explanation, verdict.corrections))
+    verdict, found = replace(verdict, unexplained=at_corrections(explanation, verdict.corrections)), explanation.found
+    verdict = verdict.keeping(lambda j: found[j].candidate.effect.name not in ONCE or is_loud(found[j].score))
     if judge is None or explanation.everywhere:
         return verdict
     if plain_errors(judge, explanation.fit)[0] <= FAR * judge.problem.n_channels:

@@ -73,8 +73,8 @@ def _several(index: int) -> str:
 
 
 STUDIES = {
-    "clean": Study(0.36, 1200, "nothing", lambda k: f"--count 0 {_bits(k)}"),
-    "plain": Study(0.14, 500, "one effect at plain size", lambda k: f"--count 1 {_bits(k)}", PLAIN),
+    "clean": Study(0.33, 1200, "nothing", lambda k: f"--count 0 {_bits(k)}"),
+    "plain": Study(0.13, 500, "one effect at plain size", lambda k: f"--count 1 {_bits(k)}", PLAIN),
     "quarter": Study(
         0.08,
         400,
@@ -82,7 +82,7 @@ STUDIES = {
         lambda k: f"--count 1 --size quarter {_bits(k)}",
         PLAIN / 4,
     ),
-    "ladder": Study(0.20, 100 * len(LADDER), "each effect at visibilities up to 80", _ladder),
+    "ladder": Study(0.18, 100 * len(LADDER), "each effect at visibilities up to 80", _ladder),
     "two": Study(0.06, 250, "two effects at plain size", lambda k: f"--count 2 {_bits(k)}", PLAIN),
     "three": Study(0.04, 150, "three effects at plain size", lambda k: f"--count 3 {_bits(k)}", PLAIN),
     "strange": Study(0.08, 400, "a law that no catalogue has", lambda k: f"--count 1 --strange {_bits(k)}", PLAIN),

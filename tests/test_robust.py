@@ -1261,13 +1261,23 @@ def test_unequal_friction_whose_inequalities_cancel_but_on_one_motor_is_an_offse
     drag = Candidate(CATALOGUE["viscous_friction"], places[0])
     offsets = [Candidate(CATALOGUE["torque_offset"], place) for place in all_motor_places(model)]
     bank = SimpleNamespace(laws=SimpleNamespace(candidates=[drag, *offsets]))
-    trials = plainness._evened([first, drag, second], SimpleNamespace(bank=bank))
+    trials = plainness._evened([first, drag, second], SimpleNamespace(bank=bank), 2)
     assert [trial[-1] for trial in trials] == offsets
     assert all(
         [c.name for c in trial[:3]] == ["coulomb_friction", "viscous_friction", "coulomb_friction"] for trial in trials
     )
-    assert plainness._evened([first, drag], SimpleNamespace(bank=bank)) == []
-    assert plainness._evened([first, first.dry, second], SimpleNamespace(bank=bank)) == []
+    assert plainness._evened([first, drag], SimpleNamespace(bank=bank), 2) == []
+    assert plainness._evened([first, first.dry, second], SimpleNamespace(bank=bank), 2) == []
+
+
+def test_friction_that_drives_one_way_is_no_friction():
+    """What is lost both ways less a constant that is more than that is dry friction and a torque offset."""
+    law = Candidate(CATALOGUE["asymmetric_friction"], joint_places(load_model("urdf/cdm2.yaml"))[0], (0.05,))
+    brakes, drives = (SimpleNamespace(effects=[law], beta=[np.array(beta)]) for beta in ([0.25, 0.2], [0.2, 0.25]))
+    assert plainness._is_sound(brakes) and not plainness._is_sound(drives)
+    offset = Candidate(CATALOGUE["torque_offset"], all_motor_places(load_model("urdf/cdm2.yaml"))[0])
+    bank = SimpleNamespace(laws=SimpleNamespace(candidates=[offset]))
+    assert plainness._evened([law], SimpleNamespace(bank=bank), 1) == [[law.dry, offset]]
 
 
 def test_laws_that_are_alike_one_by_one_may_not_be_together(monkeypatch):
