@@ -301,6 +301,7 @@ def bars(rows: Sequence[Row]) -> list[Bar]:
     ratios = [p.std / p.bound for p in told if p.bound > 0]
     bodies = [row for row in [*plain, *quarter] if row["effects"] and rigid(row)]
     mujoco, several, timed = of(rows, "mujoco"), of(rows, "several"), in_share(rows)
+    moves = of(rows, "moves")
     return [
         clean_bar(clean),
         quantile_bar("nothing missing: amplitude that would have been seen, over the oracle's (median)",
@@ -340,6 +341,12 @@ def bars(rows: Sequence[Row]) -> list[Bar]:
                   share([row for row in mujoco if row["effects"]], first), None),
         share_bar("moved by MuJoCo, nothing missing: alarms",
                   share([row for row in mujoco if not row["effects"]], alarm), None),
+        share_bar("moved from point to point, one effect: name and place first",
+                  share([row for row in moves if row["effects"]], first), None),
+        share_bar("moved from point to point, one effect: everything right, nothing false",
+                  share([row for row in moves if row["effects"]], everything), None),
+        share_bar("moved from point to point, nothing missing: alarms",
+                  share([row for row in moves if not row["effects"]], alarm), None),
         share_bar("several recordings, one effect: name and place first",
                   share([row for row in several if row["effects"]], first), None),
         share_bar("several recordings, nothing missing: alarms",
