@@ -265,8 +265,8 @@ def _failure_text(rows: Sequence[ps.Row]) -> str:
         lines.append((concealed.strip(", ") or "nothing", said, f"`{_command(row)}`"))
     return f"""## Where it fails
 
-{len(bad)} trials of plain, quarter, several, none, no catalogue and from point to point are not all right. The first of them, to be made
-again:
+{len(bad)} trials of plain, quarter, several, none, no catalogue and from point to point are not all right.
+The first of them, to be made again:
 
 {_table(("concealed", "said", "command"), lines)}"""
 
