@@ -108,40 +108,44 @@ def holding_axes(search: Search) -> frozenset[int]:
     that they feel. The axis that errs most along itself at rest comes first; the fit of what is judged then shows the
     next. Where nothing rubs, none does, and all samples tell.
     """
-    problem, m = search.problem, search.problem.model.n_motors
-    bodies = [np.concatenate([search.rigid[r], *[x[r] for x in map(search.columns, search.common)]])
-              for r in range(len(problem.runs))]  # fmt: skip
-    own = [np.concatenate([inside_of(x[:, :m], run) for x, run in zip(part, problem.segments, strict=True)], axis=2)
-           for part in (bodies, [x[None] for x in search.nominal])]  # fmt: skip
-    W, y = own[0], own[1][0]
+    problem, m, runs = search.problem, search.problem.model.n_motors, search.problem.segments
+    common = [search.columns(c) for c in search.common]
+    banks = [
+        np.concatenate([y[None], Y, *own]) for y, Y, *own in zip(search.nominal, search.rigid, *common, strict=True)
+    ]
+    y, *W = np.concatenate([inside_of(bank[:, :m], run) for bank, run in zip(banks, runs, strict=True)], axis=2)
+    columns = np.array(W)
 
-    def counted(axes: frozenset[int]) -> np.ndarray:
-        lives = [run.judged for run in problem.judged_without(axes).runs]
-        parts = zip(lives, problem.data, problem.segments, strict=True)
-        whole = [np.ones(x.shape[1:], bool)[:m] if live is None else live for live, x, _ in parts]
-        return np.concatenate([inside_of(x, run) for x, run in zip(whole, problem.segments, strict=True)], axis=1)
+    def judged_but(axes: frozenset[int]) -> np.ndarray:
+        there = problem.judged_without(axes)
+        live = [
+            np.ones((m, data.shape[2]), bool) if run.judged is None else run.judged
+            for data, run in zip(problem.data, there.runs, strict=True)
+        ]
+        return np.concatenate([inside_of(x, run) for x, run in zip(live, runs, strict=True)], axis=1)
 
-    def errors(live: np.ndarray, size: Vector) -> tuple[Vector, Vector]:
-        rows = (W / size[:, None] * live).reshape(len(W), -1)
-        theta, U, _ = least_squares(rows, (y / size[:, None] * live).reshape(-1))
-        free = live.sum(axis=1) - np.sum(U.reshape(m, -1, U.shape[1]) ** 2, axis=(1, 2))
-        return y - np.tensordot(theta, W, 1), np.maximum(free, 1.0)
+    def errors_and_freedom(live: np.ndarray, size: Vector) -> tuple[Vector, Vector]:
+        weight = live / size[:, None]
+        theta, U, _ = least_squares((columns * weight).reshape(len(columns), -1), (y * weight).reshape(-1))
+        taken = np.sum(U.reshape(m, -1, U.shape[1]) ** 2, axis=(1, 2))
+        return y - np.tensordot(theta, columns, 1), np.maximum(live.sum(axis=1) - taken, 1.0)
 
-    e, free = errors(still := counted(problem.resting), 1.0 / np.diag(search.plain.mix)[:m])
-    size = np.sqrt(np.sum((e * still) ** 2, axis=1) / free)
-    alone = {k: ~counted(frozenset({k})) for k in problem.resting}
-    weights = [place.weights(problem.model) for place in axis_places(problem.model)]
+    moving = judged_but(problem.resting)
+    e, freedom = errors_and_freedom(moving, 1.0 / np.diag(search.plain.mix)[:m])
+    size = np.sqrt(np.sum((e * moving) ** 2, axis=1) / freedom)
+    resting = {k: ~judged_but(frozenset({k})).all(axis=0) for k in problem.resting}
+    along = {k: axis_places(problem.model)[k].weights(problem.model) / size for k in problem.resting}
     holding: frozenset[int] = frozenset()
     while True:
-        e = errors(counted(holding), size)[0] / size[:, None] if holding != problem.resting else e
-        worst = {}
+        live = judged_but(holding)
+        z = errors_and_freedom(live, size)[0] / size[:, None]
+        times = {}
         for k in problem.resting - holding:
-            w = weights[k] / size
-            rests = alone[k].any(axis=0) & counted(holding)[np.abs(w) > 0.0].all(axis=0)
-            if rests.sum() >= FEW:
-                worst[k] = float(np.sqrt(np.mean((w @ e[:, rests] / np.linalg.norm(w)) ** 2)))
-        k = max(worst, key=lambda k: worst[k], default=None)
-        if k is None or worst[k] < AT_REST:
+            there = resting[k] & live[along[k] != 0.0].all(axis=0)
+            if there.sum() >= FEW:
+                times[k] = float(np.sqrt(np.mean((along[k] @ z[:, there]) ** 2))) / float(np.linalg.norm(along[k]))
+        k = max(times, key=times.__getitem__, default=None)
+        if k is None or times[k] < AT_REST:
             return holding
         holding |= {k}
 

@@ -107,7 +107,7 @@ def draw_moves(
         at[moving] += far
         now += float(takes.max(initial=0.0) + rng.uniform(0.2, longest))
     still = np.zeros((n, 1))
-    return Reference(centre, still, still.copy(), 1.0, np.array(rows))
+    return Reference(centre, still, still.copy(), 1.0, np.array(rows).reshape(-1, 4))
 
 
 def draw_servo(rng: np.random.Generator, model: Arm, scale: float) -> Servo:
