@@ -26,6 +26,8 @@ OPEN = 4.0
 """Speed, over that which is told from noise, up to which the law of dry friction leaves its sign open."""
 ROUNDED = 2.0
 """How many times the torque that steps of encoders bring a correction without a name has to make."""
+THROUGHOUT = 0.95
+"""Share of its recording that a push lasts for at most."""
 SEEN = 0.02
 """Share of a push's square that is judged at least."""
 MOST_STRETCH = 0.35
@@ -46,7 +48,7 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
     problem, push = search.problem, candidate.effect.name == "external_torque"
     if candidate.effect.name == "time_delay" and abs(beta[0]) * problem.motions[0].rate < PUNCTUAL:
         return False
-    if push and candidate.shape[1] - candidate.shape[0] < briefest(problem.band):
+    if push and (candidate.shape[1] - candidate.shape[0] < briefest(problem.band) or _is_throughout(search, candidate)):
         return False
     if push and (_is_held(search, candidate, float(np.abs(beta[0])), fit) or not _is_judged(search, candidate)):
         return False
@@ -79,6 +81,13 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
     if not np.any(visible * own[:m] > least):
         return False
     return candidate.effect.name not in RUBS or not _is_pushed(search, torque, fit)
+
+
+def _is_throughout(search: Search, push: Candidate) -> bool:
+    """Whether a push lasts for nearly all of its recording: its zero is elsewhere than on others, then."""
+    time = search.problem.motions[run_of(search.problem.motions, push)].time
+    there = np.mean((time >= push.shape[0]) & (time <= push.shape[1]))
+    return bool(there > THROUGHOUT)
 
 
 def _is_judged(search: Search, push: Candidate) -> bool:

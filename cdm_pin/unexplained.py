@@ -216,6 +216,8 @@ def beyond_floor(
     unsure = HALF * most_drift(search)[worst] if search.problem.torque and worst < m else 0.0
     if max(own[worst] for own in rests) < unsure and walking_noise(search, fit) is not None:
         return None, 0.0
+    if search.problem.torque and worst < m and _are_zeros(both, fit, floors, worst, limit):
+        return None, 0.0
     motor = worst % m + 1
     times = max(float(ratio[worst]), float(mean[worst]))
     words = f"the error of motor {motor} is {times:.1f} times its noise, in no shape that was tried"
@@ -259,6 +261,19 @@ def times_noise(search: Search, judge: Search | None, fit: Fit) -> Vector:
     if not search.problem.torque or not any(there.problem.segments):
         return np.zeros(m)
     return rms(there, still_errors(there, fit))[:m] / np.maximum(_floor(search, fit, _least(search))[:m], 1e-300)
+
+
+def _are_zeros(searches: Sequence[Search], fit: Fit, floors: Sequence[Vector], motor: int, limit: float) -> bool:
+    """Whether what is left on a motor is no more than the zero of its sensor, elsewhere on every recording."""
+    if any(search.drift is not None for search in searches):
+        return False
+    for search, floor in zip(searches, floors, strict=True):
+        drifting = all_drifting(search)
+        if left_over(drifting, fit.effects, smooth=False)[1].rms[motor] > limit * floor[motor]:
+            return False
+        if is_swamped(drifting, drifting.fit(fit.effects)):
+            return False
+    return True
 
 
 def beyond_training(search: Search, judge: Search, fit: Fit, limit: float = 4.0) -> dict[str, Any] | None:

@@ -12,7 +12,7 @@ from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.candidates import Candidate
 from cdm_pin.diagnose import diagnose
 from cdm_pin.drift import Drift, drift_columns, drifting_channels, faint, slow_shapes, without_drift
-from cdm_pin.drifting import own_drifts, still, with_drift
+from cdm_pin.drifting import all_drifting, is_swamped, own_drifts, still, with_drift
 from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.effects import CATALOGUE
 from cdm_pin.gather import gather
@@ -112,6 +112,24 @@ def test_slowness_is_one_for_white_noise_and_large_for_a_walk():
     flat, slow = slowness(both, [[(0, 1900), (2000, 4000)]])
     assert flat == pytest.approx(1.0, abs=0.3)
     assert slow > 100.0
+
+
+def test_zeros_that_differ_between_recordings_are_nothing_that_is_missing():
+    """A constant of its own on each recording is no law, and no push for as long as it lasts, learned from or unseen."""
+    model = load_model(ARM)
+    runs = []
+    for seed, shift in ((3, 0.02), (4, -0.02)):
+        run = recording(seed)
+        torque = run.channels["motor_torque"] + np.array([0.0, shift])
+        runs.append(replace(run, channels=run.channels | {"motor_torque": torque}))
+    search = Search(make_problem(model, runs), base_parameters(model, columns=massive_columns(model)), Settings())
+    zeros = all_drifting(search)
+    assert zeros.drift.channels == (0, 1) and search.drift is None
+    fits = [s.fit([]) for s in (search, zeros)]
+    assert fits[1].deviance < fits[0].deviance and not is_swamped(zeros, fits[1])
+    for learned in (1, 2):
+        content = diagnose(model, runs[:learned], runs[learned:]).content
+        assert content["verdict"] == "consistent" and not content["findings"]
 
 
 def test_a_drift_may_be_large_beside_the_band_but_not_beside_single_samples():

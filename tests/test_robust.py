@@ -14,6 +14,7 @@ from cdm_pin import (
     drifting,
     findings,
     judging,
+    leftover,
     plainness,
     pruning,
     resolved,
@@ -51,7 +52,7 @@ from cdm_pin.settings import Settings
 from cdm_pin.shapes import _white_slopes, loosened, yielding
 from cdm_pin.signals import prepare
 from cdm_pin.spectra import Spectrum, spectrum
-from cdm_pin.unexplained import is_far, ringing_torque, wandering_travel
+from cdm_pin.unexplained import _is_one, is_far, ringing_torque, wandering_travel
 from cdm_pin.wording import clause
 
 
@@ -1300,3 +1301,32 @@ def test_laws_that_are_alike_one_by_one_may_not_be_together(monkeypatch):
     assert [f.candidate for f in plainness.simplest(explanation).found] == [new[0], old[1]]
     worth[True, True] = 99.0
     assert [f.candidate for f in plainness.simplest(explanation).found] == new
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "one"),
+    [
+        ([0.0, 3.0j, 0.0], True),  # motor 2 alone
+        ([-2.0 * np.exp(1.0j), 2.0 * np.exp(1.0j), 0.1j], True),  # joint 2, in its two cables
+        ([3.0 + 0.2j, 2.0, -2.5], True),  # a base that shakes
+        ([3.0, 3.0 * np.exp(1.2j), 3.0 * np.exp(2.5j)], False),  # each sensor has its own phase
+    ],
+)
+def test_a_hum_of_sensors_has_no_phase_in_common(amplitude, one):
+    model = load_model("urdf/planar3.yaml")
+    assert _is_one(np.array(amplitude, complex), model, np.ones(3)) == one
+    assert (
+        _is_one(np.array([1e-3, 1.0, 10.0]) * amplitude, model, np.array([1e-3, 1.0, 10.0])) == one or amplitude[0] < 0
+    )
+
+
+def test_a_short_recording_has_the_noise_that_its_rigid_body_leaves(monkeypatch):
+    """Where smooth functions leave no freedom, they are left out; else the noise beside them counts."""
+    few, many = (Spectrum(np.array([0.25]), np.ones((2, 1)), np.full((2, 1), n), np.ones(1)) for n in (1e-9, 50.0))
+    search = SimpleNamespace(problem=SimpleNamespace(segments=[]))
+    monkeypatch.setattr(leftover, "plain_rest", lambda search, effects, further: (further, further))
+    monkeypatch.setattr(leftover, "quiet_segments", lambda residuals, segments: segments)
+    monkeypatch.setattr(leftover, "spectrum", lambda residuals, basis, segments: many if residuals is None else few)
+    assert leftover._left_over(search, (), [np.ones(3)]) == (None, many)
+    monkeypatch.setattr(leftover, "spectrum", lambda residuals, basis, segments: many)
+    assert leftover._left_over(search, (), "smooth") == ("smooth", many)

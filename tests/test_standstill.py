@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cdm_pin.bank import all_candidates
 from cdm_pin.base import base_parameters, massive_columns
 from cdm_pin.diagnose import diagnose
 from cdm_pin.dynamics import motor_torques
@@ -17,6 +18,7 @@ from cdm_pin.model import load_model
 from cdm_pin.places import axis_places
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording
+from cdm_pin.resolved import _is_judged
 from cdm_pin.search import Search, rms
 from cdm_pin.settings import Settings
 from cdm_pin.standstill import rests
@@ -181,3 +183,17 @@ def test_the_report_says_what_was_not_judged():
     content = diagnose(model, [point_to_point(model, 10, 0.4)]).content
     (recording,) = content["data"]["recordings"]
     assert any("not judged while axes rest" in notice for notice in recording["notices"])
+
+
+def test_a_push_is_judged_by_what_motors_do_while_it_lasts():
+    """One that begins and ends while an axis is held has only its edges beside that, and tells no size."""
+    model = load_model(ARM)
+    search = searched(model, point_to_point(model, 9, 0.4))
+    push = next(c for c in all_candidates(search.problem, ["external_torque"]) if c.location["index"] == 2)
+    time = search.problem.motions[0].time[:: search.problem.band.step]
+    held = ~search.problem.runs[0].judged.any(axis=0)
+    edges = np.flatnonzero(np.diff(np.r_[False, held, False].astype(int))).reshape(-1, 2)
+    first, last = max(edges, key=lambda x: x[1] - x[0])
+    middle = 0.5 * (time[first] + time[last - 1])
+    for half, seen in ((0.2, False), (6.0, True)):
+        assert _is_judged(search, replace(push, shape=(middle - half, middle + half, 0.0))) is seen
