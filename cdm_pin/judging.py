@@ -18,7 +18,7 @@ from .fit import Fit
 from .likelihood import REFINING, evidence, likeliest
 from .parts import deviance_apart, parts_of
 from .patching import patch
-from .plainness import EVIDENT, PREFERENCE
+from .plainness import EVIDENT, PREFERENCE, is_sound, plainer
 from .problem import Problem, Run
 from .pruning import undivided
 from .resolved import differs_by_zeros
@@ -205,10 +205,12 @@ def sized(explanation: Explanation, judge: Search | None, near: float = 15.0) ->
     more than zeros that move may be off, unless the unseen recordings are for it or no law explains all: what is left
     then looks like zeros that move.
     """
-    search = explanation.search
     if explanation.everywhere or not explanation.found:
         return explanation
     lawful = all(found.candidate.named for found in explanation.found)
+    if lawful and not is_sound(explanation.fit):
+        explanation = plainer(explanation)
+    search = explanation.search
     for j, found in enumerate(explanation.found if lawful else ()):
         if differs_by_zeros(search, search.without(explanation.fit, j), found.candidate):
             simpler = _instead(explanation, j, found.candidate.dry)

@@ -43,7 +43,7 @@ def plainer(explanation: Explanation, equal: float = 1.0) -> Explanation:
     """
     search, whitener = explanation.search, explanation.fit.whitener
     accepted, found = [f.candidate for f in explanation.found], explanation.found
-    trials, sound = [], _is_sound(explanation.fit)
+    trials, sound = [], is_sound(explanation.fit)
     for i, refined in enumerate(accepted):
         if refined.effect.name not in REFINING:
             continue
@@ -52,7 +52,7 @@ def plainer(explanation: Explanation, equal: float = 1.0) -> Explanation:
             if rival.named and not any(a.clashes(b) for a, b in itertools.combinations(trial, 2)):
                 trials.append(trial)
     trials += [
-        trial for trial in _evened(accepted, explanation, 2 if sound else 1) if _is_sound(search.fit(trial, whitener))
+        trial for trial in _evened(accepted, explanation, 2 if sound else 1) if is_sound(search.fit(trial, whitener))
     ]
     best, chosen = search.settings.close * (1.0 if sound else -1.0), accepted
     for trial in trials:
@@ -64,7 +64,7 @@ def plainer(explanation: Explanation, equal: float = 1.0) -> Explanation:
     return explanation if chosen is accepted else explained(search, explanation.bank, chosen)
 
 
-def _is_sound(fit: Fit) -> bool:
+def is_sound(fit: Fit) -> bool:
     """Whether all effects of a fit have coefficients such as their laws may have."""
     others = [[c for c in fit.effects if c is not own] for own in fit.effects]
     return all(c.is_plausible(b, beside) for c, b, beside in zip(fit.effects, fit.beta, others, strict=True))

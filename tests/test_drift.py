@@ -115,7 +115,7 @@ def test_slowness_is_one_for_white_noise_and_large_for_a_walk():
 
 
 def test_zeros_that_differ_between_recordings_are_nothing_that_is_missing():
-    """A constant of its own on each recording is no law, and no push for as long as it lasts, learned from or unseen."""
+    """A constant of its own on each recording is no law, and no push for as long as it lasts, learned from or not."""
     model = load_model(ARM)
     runs = []
     for seed, shift in ((3, 0.02), (4, -0.02)):

@@ -1275,7 +1275,7 @@ def test_friction_that_drives_one_way_is_no_friction():
     """What is lost both ways less a constant that is more than that is dry friction and a torque offset."""
     law = Candidate(CATALOGUE["asymmetric_friction"], joint_places(load_model("urdf/cdm2.yaml"))[0], (0.05,))
     brakes, drives = (SimpleNamespace(effects=[law], beta=[np.array(beta)]) for beta in ([0.25, 0.2], [0.2, 0.25]))
-    assert plainness._is_sound(brakes) and not plainness._is_sound(drives)
+    assert plainness.is_sound(brakes) and not plainness.is_sound(drives)
     offset = Candidate(CATALOGUE["torque_offset"], all_motor_places(load_model("urdf/cdm2.yaml"))[0])
     bank = SimpleNamespace(laws=SimpleNamespace(candidates=[offset]))
     assert plainness._evened([law], SimpleNamespace(bank=bank), 1) == [[law.dry, offset]]
