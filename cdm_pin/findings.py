@@ -150,6 +150,23 @@ def with_scatter(
     return out
 
 
+def unsure_peaks(search: Search, judge: Search, fit: Fit, least: float = 3.0) -> list[int]:
+    """List where friction peaks near standstill by no more than so many errors, training and unseen ones together."""
+    peaks = [j for j, c in enumerate(fit.effects) if c.effect.name == "stribeck_friction"]
+    if not peaks or not any(judge.problem.segments):
+        return []
+    covariance, betas, shapes = joint_covariance(search, fit)
+    step, chance = unseen_shift(judge, fit, covariance)
+    unsure = []
+    for j in peaks:
+        own, candidate, beta = np.r_[betas[j], shapes[j]], fit.effects[j], fit.beta[j]
+        values = parameters(candidate, beta, covariance[np.ix_(own, own)])
+        peak = with_scatter(candidate, beta, step[own], chance[np.ix_(own, own)], values)["stribeck"]
+        if peak["value"] < least * peak["std"]:
+            unsure.append(j)
+    return unsure
+
+
 def is_another_there(
     search: Search,
     judge: Search,

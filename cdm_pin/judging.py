@@ -201,9 +201,9 @@ def _without_trifles(search: Search, effects: list[Candidate]) -> list[Candidate
 def sized(explanation: Explanation, judge: Search | None, near: float = 15.0) -> Explanation:
     """Let a simpler law stand, if one is near and as likely, for a law of which no parameter is known.
 
-    Dry friction stands for what refines it unless that is evident, and for one that differs in its two directions by no
-    more than zeros that move may be off, unless the unseen recordings are for it or no law explains all: what is left
-    then looks like zeros that move.
+    Dry friction stands for what refines it unless that is evident, for one whose peak is another one in the unseen
+    recordings, and for one that differs in its two directions by no more than zeros that move may be off, unless the
+    unseen recordings are for it or no law explains all: what is left then looks like zeros that move.
     """
     if explanation.everywhere or not explanation.found:
         return explanation
@@ -216,6 +216,8 @@ def sized(explanation: Explanation, judge: Search | None, near: float = 15.0) ->
             simpler = _instead(explanation, j, found.candidate.dry)
             if judge is None or not _is_for(judge, explanation.fit, simpler.fit):
                 return sized(simpler, judge)
+    for j in fi.unsure_peaks(search, judge, explanation.fit) if lawful and judge is not None else ():
+        return sized(_instead(explanation, j, explanation.found[j].candidate.dry), judge)
     for j in fi.unsized(explanation):
         found = explanation.found[j]
         without = search.without(explanation.fit, j)

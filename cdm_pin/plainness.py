@@ -12,7 +12,8 @@ from .doubts import COMPLIANT
 from .drifting import still
 from .effects import CATALOGUE
 from .explanation import Explanation, estimated, explained, unsound, with_effects
-from .fit import Fit, own_covariance
+from .findings import joint_covariance
+from .fit import Fit
 from .friction_effects import peaks_by_its_sign
 from .leaders import UNLIKELIER, drives, same_width
 from .likelihood import REFINING, evidence, gain, has_ratio, likeliest, likelihood
@@ -298,12 +299,21 @@ def repelled(explanation: Explanation) -> Explanation:
     return explained(search, explanation.bank, laws) if wrong else explanation
 
 
-def peakless(explanation: Explanation, least: float = 2.0) -> Explanation:
-    """Let Stribeck's friction be dry where its peak is no more than so many errors, or than its sign's passage."""
+def peakless(explanation: Explanation, least: float = 3.0) -> Explanation:
+    """Let Stribeck's friction be dry where its peak is no more than so many errors, or than its sign's passage.
+
+    Its errors are those of chance, its velocity being as unknown as it is, and of a peak that may be part of the
+    passage of its sign.
+    """
     fit, accepted = explanation.fit, [f.candidate for f in explanation.found]
+    if not any(c.effect.name == "stribeck_friction" for c in accepted):
+        return explanation
+    covariance, betas, _ = joint_covariance(explanation.search, fit)
     for j, candidate in enumerate(accepted):
         if candidate.effect.name == "stribeck_friction":
-            (level, peak), error = fit.beta[j][:2], np.sqrt(own_covariance(fit, j)[1, 1])
+            level, peak = fit.beta[j][:2]
+            passing = candidate.effect.errors(candidate.place, candidate.shape)["stribeck"]
+            error = np.hypot(np.sqrt(covariance[betas[j], betas[j]][1, 1]), passing * peak)
             if peak <= max(least * error, PASSAGE * level) and candidate.dry.key not in [c.key for c in accepted]:
                 accepted[j] = candidate.dry
     return with_effects(explanation, accepted)

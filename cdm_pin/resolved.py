@@ -38,12 +38,12 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
     """Whether an effect is larger than what clocks, derivatives and filters leave wrong in the torque of a rigid body.
 
     Of a correction without a name that share counts which the fit leaves over, and where positions are too coarse for
-    the accelerations in the band, it has to be larger still; it has to exceed what steps of encoders can bring, and
-    where they are too coarse what the sensors bring by themselves. A push has to last for as long as the band can tell
-    from an outlier, and to be judged while it does; it has to exceed half a step of the torque, and where nothing moves
-    what dry friction holds. A
-    reading has to be off by more than encoders on both sides round. A cable gives as a spring first, then as a damper.
-    What a zero is off by has to be more than it drifts by, a delay more than the instants of samples are unsure by.
+    the accelerations in the band, it has to be larger still; it has to exceed what steps of encoders and of the torque
+    can bring, and where they are too coarse what the sensors bring by themselves. A push has to last for as long as the
+    band can tell from an outlier, and to be judged while it does; it has to exceed half a step of the torque, and where
+    nothing moves what dry friction holds. A reading has to be off by more than encoders on both sides round. A cable
+    gives as a spring first, then as a damper. What a zero is off by has to be more than it drifts by, a delay more than
+    the instants of samples are unsure by.
     """
     problem, push = search.problem, candidate.effect.name == "external_torque"
     if candidate.effect.name == "time_delay" and abs(beta[0]) * problem.motions[0].rate < PUNCTUAL:
@@ -75,7 +75,7 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
         least = least * (problem.band.cutoff / max(problem.sensors.trusted, 1e-3)) ** 2
         W = beta @ search.white(fit.whitener, search.columns(candidate))
         visible = float(np.linalg.norm(fit.rest(W)) / max(np.linalg.norm(W), 1e-300))
-        least = np.maximum(least, ROUNDED * problem.sensors.rounding)
+        least = np.maximum(least, np.maximum(ROUNDED * problem.sensors.rounding, problem.sensors.torque_stairs))
         if is_coarse(problem):
             least = np.maximum(least, UNSURE * problem.sensed[:m])
     if not np.any(visible * own[:m] > least):

@@ -122,6 +122,16 @@ class SensorNoise:
         """
         return np.max([_torque_steps(self.model, signals) for signals in self.signals], axis=0)
 
+    @cached_property
+    def torque_stairs(self) -> Vector:
+        """Amplitude of the stairs that steps of torque leave, shape (n_motors,) [N m].
+
+        Noise smooths them: a reading that is rounded is off by a series of sines of what is read, the first of which
+        keeps ``exp(-2 (pi noise / step)^2)`` of its amplitude, ``step / pi``, on average over Gaussian noise (Widrow,
+        Kollar, Quantization Noise, 2008, ch. 5). What is left looks like physics that depends on the load.
+        """
+        return np.max([_torque_stairs(self.model, signals) for signals in self.signals], axis=0)
+
 
 def inertia_limit(model: CableModel, signals: Signals) -> float:
     """Give the frequency [Hz] above which the noise of positions, through the inertia, exceeds that of torque."""
@@ -270,6 +280,14 @@ def _torque_steps(model: CableModel, signals: Signals) -> Vector:
     if "motor_torque" in steps:
         return steps["motor_torque"]
     return np.abs(model.joint_from_motor.T) @ steps.get("joint_torque", np.zeros(model.n_joints))
+
+
+def _torque_stairs(model: CableModel, signals: Signals) -> Vector:
+    steps = _torque_steps(model, signals)
+    own = noise_floor(measured_torques(model, signals.logged), signals.rate)
+    noise = np.sqrt(np.maximum(own**2 - steps**2 / 12.0, 0.0))  # without what rounding adds
+    smoothed = np.divide(np.pi * noise, steps, out=np.zeros_like(steps), where=steps > 0.0)
+    return steps / np.pi * np.exp(-2.0 * smoothed**2)
 
 
 def _mass(model: CableModel, q: Vector) -> Vector:
