@@ -49,6 +49,8 @@ EVIDENTLY = 2.0
 PEAK, ROUNDER = 30.0, 10.0
 """Power of a residual at some frequency over that at a lower one, alone and beside smooth functions of the state, that
 noise has of no sensor, unless what encoders make of accelerations is most of it."""
+SHRILL, RISING, RISES = 10.0, 12.0, 4.0
+"""The same of a residual that is so many times the noise of the sensors and the errors of laws."""
 UNTOLD = 4.0
 """How many times what the noise of positions makes of accelerations a swinging torque has to be."""
 LOUDER = 1.5
@@ -433,11 +435,14 @@ def ringing_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
         return None
     rest, noise = left_over(search, fit.effects, smooth=False)
     rounder = left_over(search, fit.effects)[1]
-    loud = noise.rms > FAR * np.hypot(_least(search), _accuracy(search, fit))
+    times = noise.rms / np.hypot(_least(search), _accuracy(search, fit))
     own, beside = _rises(noise.power), _rises(rounder.power)
-    peaks = np.where(loud & (beside.max(axis=1) > ROUNDER), own.max(axis=1), 0.0)[:m]
+    peak, rounded = own.max(axis=1), beside.max(axis=1)
+    rings = (times > FAR) & (rounded > ROUNDER) & (peak > PEAK)
+    rings |= (times > SHRILL) & (rounded > RISES) & (peak > RISING)
+    peaks = np.where(rings, peak, 0.0)[:m]
     worst = int(np.argmax(peaks))
-    if peaks[worst] < PEAK:
+    if not peaks[worst]:
         return None
     frequency = float(noise.centres[np.argmax(own[worst])]) * problem.band.reduced_rate
     return _torque_that(f"rings at about {frequency:.2g} Hz", _inside(rest, problem), problem.model)
