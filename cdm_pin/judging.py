@@ -31,6 +31,8 @@ DECIDED = 10.0
 """Log-likelihood by which the unseen recordings decide between two laws."""
 CLOSE = 2.0
 """Whitened sum of squares on unseen recordings, per sample, up to which a finer law may be told by them."""
+MOST = 0.5
+"""Share of what a law leaves of unseen recordings that a finer one leaves at most where it takes most of it."""
 CONTRADICTED = 1.0
 """Sum of squares by which parts of the recordings are less likely with a finding that the others make."""
 
@@ -201,9 +203,10 @@ def _without_trifles(search: Search, effects: list[Candidate]) -> list[Candidate
 def sized(explanation: Explanation, judge: Search | None, near: float = 15.0) -> Explanation:
     """Let a simpler law stand, if one is near and as likely, for a law of which no parameter is known.
 
-    Dry friction stands for what refines it unless that is evident, for one whose peak is another one in the unseen
-    recordings, and for one that differs in its two directions by no more than zeros that move may be off, unless the
-    unseen recordings are for it or no law explains all: what is left then looks like zeros that move.
+    Dry friction stands for what refines it unless that is evident; for one whose peak is another one in the unseen
+    recordings, unless that explains these; and for one that differs in its two directions by no more than zeros that
+    move may be off, unless the unseen recordings are for it or no law explains all: what is left then looks like zeros
+    that move.
     """
     if explanation.everywhere or not explanation.found:
         return explanation
@@ -217,7 +220,9 @@ def sized(explanation: Explanation, judge: Search | None, near: float = 15.0) ->
             if judge is None or not _is_for(judge, explanation.fit, simpler.fit):
                 return sized(simpler, judge)
     for j in fi.unsure_peaks(search, judge, explanation.fit) if lawful and judge is not None else ():
-        return sized(_instead(explanation, j, explanation.found[j].candidate.dry), judge)
+        simpler = _instead(explanation, j, explanation.found[j].candidate.dry)
+        if judge is None or not _takes_most(judge, explanation.fit, simpler.fit):
+            return sized(simpler, judge)
     for j in fi.unsized(explanation):
         found = explanation.found[j]
         without = search.without(explanation.fit, j)
@@ -247,6 +252,13 @@ def _is_for(judge: Search, fit: Fit, other: Fit) -> bool:
     """Whether the unseen recordings are clearly for one fit, and not for another."""
     own, its = (deviance_unseen(judge, f) for f in (fit, other))
     return _unseen_gain(its, own, judge.body(fit.whitener).data.size) > DECIDED
+
+
+def _takes_most(judge: Search, fit: Fit, other: Fit) -> bool:
+    """Whether a fit takes most of what another one leaves of unseen recordings beyond their noise."""
+    rows = judge.body(fit.whitener).data.size
+    own, its = (max(deviance_unseen(judge, f) - rows, 0.0) for f in (fit, other))
+    return _is_for(judge, fit, other) and own < MOST * its
 
 
 def _unseen_gain(own: float, other: float, rows: int) -> float:
