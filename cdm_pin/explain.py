@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from .asked import unnamed
-from .bank import all_candidates
+from .bank import Bank, all_candidates
 from .candidates import Candidate
 from .events import ProgressCallback, Reporter
 from .everywhere import everything, rubs_everywhere
@@ -92,8 +92,13 @@ def explain(
             search, accepted = settled(there, prune(there, more))
     search, accepted = unpatched(search, bank, accepted)
     bank = search.renewed(bank)
-    accepted = outdone(search, bank, accepted)
-    explanation = plainer(renamed(explained(search, bank, accepted)))
-    explanation = whole(repelled(coupled(pruned(warmed(peakless(peaked(simplest(placed(explanation)))))))))
+    better = outdone(search, bank, accepted)
+    explanation = finished(search, bank, better)
     say.looked(explanation.fit)
-    return explanation
+    return explanation if better is accepted else replace(explanation, outdid=tuple(accepted))
+
+
+def finished(search: Search, bank: Bank, accepted: list[Candidate]) -> Explanation:
+    """Explain by what was found, in the plainest words that are as likely."""
+    explanation = plainer(renamed(explained(search, bank, accepted)))
+    return whole(repelled(coupled(pruned(warmed(peakless(peaked(simplest(placed(explanation)))))))))

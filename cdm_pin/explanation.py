@@ -73,6 +73,8 @@ class Explanation:
         What computes further scores.
     everywhere : bool
         Whether nearly every axis rubs, so that corrections without a name did not compete.
+    outdid : tuple of Candidate
+        Laws in whose place there is a correction without a name, as it is a little likelier.
     """
 
     found: tuple[Found, ...]
@@ -81,6 +83,7 @@ class Explanation:
     bank: Bank
     search: Search
     everywhere: bool = False
+    outdid: tuple[Candidate, ...] = ()
 
     @property
     def scores(self) -> list[Score]:
