@@ -47,7 +47,7 @@ from cdm_pin.resolved import is_resolved
 from cdm_pin.robust import around, bursts, robust_score
 from cdm_pin.scores import Score, scored
 from cdm_pin.search import Search
-from cdm_pin.sensor_noise import motion_limit
+from cdm_pin.sensor_noise import SensorNoise, motion_limit
 from cdm_pin.settings import Settings
 from cdm_pin.shapes import _white_slopes, loosened, yielding
 from cdm_pin.signals import prepare
@@ -92,6 +92,28 @@ def test_an_offset_below_half_a_step_is_no_evidence(tmp_path):
     hidden = fit.residual + 0.4 * step * column[0]
     shifted = type(fit)(**{**fit.__dict__, "residual": hidden})
     assert robust_score(search, shifted, first).statistic < 1.0 + search.score(fit, first).statistic
+
+
+@pytest.mark.parametrize("share", [0.1, 0.2, 0.35])
+def test_noise_smooths_the_stairs_of_a_torque(share):
+    """A sweep over many steps, rounded a thousand times with other noise, is off by no more than that on average."""
+    model, rng, step = load_model("urdf/cdm2.yaml"), np.random.default_rng(0), 0.5
+    t = np.arange(6000) / 200.0
+    torque = np.stack([9.0 * np.sin(0.7 * t), 7.0 * np.cos(0.5 * t)], axis=1)
+    noise = share * step * rng.normal(size=(1000, len(t)))
+    off = np.mean(np.round((torque[:, 0] + noise) / step) * step - torque[:, 0] - noise, axis=0)
+    logged = np.round((torque + share * step * rng.normal(size=torque.shape)) / step) * step
+    signals = SimpleNamespace(logged={"motor_torque": logged}, rate=200.0, steps={"motor_torque": np.full(2, step)})
+    stairs = SensorNoise(model, (signals,), None).torque_stairs
+    assert 0.5 * stairs[0] < np.sqrt(2.0) * np.std(off) < 1.1 * stairs[0]
+
+
+def test_laws_that_hold_elsewhere_stand_for_a_correction(tmp_path):
+    """A function of a joint's speed is a little likelier than bearing friction and drag where these were learned."""
+    model, runs, unseen, _ = loaded_trial(tmp_path, 102735320660512, effects=2, at_least=50.0, bits=14)
+    content = diagnose(model, runs, unseen).content
+    assert content["verdict"] == "missing_physics"
+    assert {f["effect"] for f in content["findings"]} == {"quadratic_drag", "load_dependent_friction"}
 
 
 @pytest.mark.parametrize(("line", "low", "high"), [(0.0, 0.2, 2.0), (2e-3, 5.9, 6.5)])
@@ -1131,9 +1153,14 @@ def test_dry_friction_that_is_sure_is_no_unequal_friction(tmp_path):
     assert not others & {"asymmetric_friction", "stribeck_friction", "friction_drift", "position_dependent_friction"}
 
 
-@pytest.mark.parametrize(("height", "rings"), [(1.0, False), (100.0, True)])
-def test_a_residual_that_rings_is_no_noise(monkeypatch, height, rings):
-    """Sensors have more noise at no frequency than at lower ones, but for what encoders make of accelerations."""
+@pytest.mark.parametrize(
+    ("height", "sensed", "rings"), [(1.0, 0.1, False), (100.0, 0.1, True), (20.0, 0.5, False), (20.0, 0.05, True)]
+)
+def test_a_residual_that_rings_is_no_noise(monkeypatch, height, sensed, rings):
+    """Sensors have more noise at no frequency than at lower ones, but for what encoders make of accelerations.
+
+    Of what is far above the noise of the sensors less is enough.
+    """
     model, rng = load_model("urdf/cdm2.yaml"), np.random.default_rng(0)
     power = np.ones((2, 20))
     power[1, 8:11] *= height
@@ -1142,7 +1169,7 @@ def test_a_residual_that_rings_is_no_noise(monkeypatch, height, rings):
         model=model,
         torque=True,
         segments=[[(0, 400)]],
-        sensed=np.full(2, 0.1),
+        sensed=np.full(2, sensed),
         n_channels=2,
         band=SimpleNamespace(reduced_rate=20.0),
     )
