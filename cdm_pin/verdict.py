@@ -10,6 +10,7 @@ import numpy as np
 
 from . import findings as fi
 from .confirming import ONCE, carries, is_loud_there, plain_errors
+from .drifting import still_errors
 from .everywhere import agreements
 from .explanation import Explanation, Found
 from .fit import Fit
@@ -17,7 +18,7 @@ from .geometry import Vector
 from .model import CableModel
 from .parts import Part
 from .places import axis_place, parallel
-from .search import Search
+from .search import Search, rms
 from .significance import is_loud
 from .sticking import sticking
 from .unexplained import (
@@ -46,6 +47,8 @@ FAR = 25.0
 """Squared error on unseen recordings, in units of the noise, beside which a finding has to carry most of it."""
 BURIED = 10.0
 """Times its noise by which a motor errs, beside something without a name, where no law that acts on it is sure."""
+TRIFLE = 0.05
+"""Share of what was found beside it that a finding is which unseen recordings see elsewhere, and which is none then."""
 ANY, VAGUE = 1.0, 2.0
 """Standard errors, by unseen recordings too, up to which a finding is none, and beside something unexplained."""
 
@@ -400,8 +403,26 @@ def _changing_parts(verdict: Verdict, told: Mapping[int, Values], lasting: Seque
     return [j for j in lasting if any(changes(j, *each) for each in seen)]
 
 
+def _is_trifle(verdict: Verdict, j: int) -> bool:
+    """Whether a finding is a small share of the others that are stated, or below the noise, wherever it is seen."""
+    search, fit = verdict.search, verdict.fit
+    own, *others = (
+        rms(search, [np.tensordot(fit.beta[i], columns, 1) for columns in search.columns(fit.effects[i])])
+        for i in (j, *(i for i in verdict.stated if i != j))
+    )
+    if not others:
+        return False
+    noise = rms(search, still_errors(search, fit))
+    return bool(np.all(own <= np.maximum(TRIFLE * np.linalg.norm(others, axis=0), noise)))
+
+
 def _without_changing(verdict: Verdict, changing: Sequence[int], there: str) -> Verdict:
-    """Take their names from findings whose laws are others somewhere, and from what hangs on them."""
+    """Take their names from findings whose laws are others somewhere, and from what hangs on them.
+
+    What is a trifle beside other findings is then what these are a little wrong by, and nothing without a name.
+    """
+    trifles = {j for j in changing if _is_trifle(verdict, j)}
+    verdict, changing = verdict.keeping(lambda j: j not in trifles), [j for j in changing if j not in trifles]
     if not changing:
         return verdict
     found = verdict.explanation.found
