@@ -49,8 +49,9 @@ BURIED = 10.0
 """Times its noise by which a motor errs, beside something without a name, where no law that acts on it is sure."""
 TRIFLE = 0.05
 """Share of what was found beside it that a finding is which unseen recordings see elsewhere, and which is none then."""
-ANY, VAGUE = 1.0, 2.0
-"""Standard errors, by unseen recordings too, up to which a finding is none, and beside something unexplained."""
+ANY, VAGUE, DOUBTFUL = 1.0, 2.0, 3.0
+"""Standard errors, by unseen recordings too, up to which a finding is none, beside something unexplained, and where it
+is not loud in the training either."""
 
 Values = dict[str, dict[str, Any]]
 
@@ -376,14 +377,19 @@ def _agreed(verdict: Verdict) -> Verdict:
             changing.append(j)
         told[j] = fi.with_scatter(fit.effects[j], fit.beta[j], *own, told[j])
         stated[j] = fi.with_scatter(fit.effects[j], fit.beta[j], *own, stated[j])
-    least = ANY if verdict.unexplained is None else VAGUE
+    errors = ANY if verdict.unexplained is None else VAGUE
 
-    def sure(j: int, values: Values) -> bool:
+    def sure(j: int, values: Values, least: float = errors) -> bool:
         return fi.most_sure(fit.effects[j].effect.name, values) > least
 
-    vague = [j for j, v in told.items() if sure(j, verdict.fitted[j]) and not sure(j, v)]
-    vague = [j for j in vague if not (carries(judge, explanation, j) or is_loud_there(judge, explanation, j))]
+    def weak(j: int) -> bool:
+        return not (carries(judge, explanation, j) or is_loud_there(judge, explanation, j))
+
+    vague = [j for j, v in told.items() if sure(j, verdict.fitted[j]) and not sure(j, v) and weak(j)]
     verdict = replace(verdict, stated=stated).keeping(lambda j: j not in vague)
+    quiet = {j: (verdict.fitted[j], told[j]) for j in told if not is_loud(explanation.found[j].score)}
+    doubtful = [j for j, (a, b) in quiet.items() if sure(j, a, DOUBTFUL) and not sure(j, b, DOUBTFUL) and weak(j)]
+    verdict = verdict.keeping(lambda j: j not in doubtful)
     verdict = _without_changing(verdict, changing, "the unseen recordings")
     verdict = _without_changing(verdict, [j for j in parted if j in verdict.stated], "some parts of the recordings")
     if not vague or verdict.stated:
