@@ -79,7 +79,7 @@ def extremes(beta: Vector, shape: Shape, detail: float) -> tuple[float, float]:
     v = np.linspace(0.0, max([4.0 * detail, *(3.0 * x for x in peak)]), 200)
     series = [np.tanh(v / width)]
     if peak:
-        series.append(series[0] * np.exp(-((v / peak[0]) ** 2)))
+        series.append(series[0] * np.exp(-((v / max(peak[0], 1e-12)) ** 2)))
     if detail:
         series += transitions(v, detail)
     law = beta[: len(series)] @ series / max(beta[0], 1e-300)
