@@ -17,7 +17,7 @@ from .geometry import Vector
 from .masses import hidden
 from .motion import Motion
 from .recent import kept
-from .search import Search
+from .search import Search, brought
 from .whitening import Segments, inside_of
 
 PUNCTUAL = 0.05
@@ -45,7 +45,7 @@ def errors_of_laws(search: Search, fit: Fit) -> Vector:
 
 def error_of(search: Search, candidate: Candidate, beta: Vector, fit: Fit) -> Vector:
     """Give the magnitude of the error that a law of some size may have, whitened as a fit is, shape (n_rows,)."""
-    parts = [np.tensordot(beta, columns[: len(beta)], 1)[None] for columns in search.columns(candidate)]
+    parts = [x[None] for x in brought(search, candidate, beta)]
     if candidate.effect.exact_travel and search.problem.torque:
         for part in parts:
             part[:, search.problem.model.n_motors :] = 0.0

@@ -28,7 +28,7 @@ from .parts import Part, parts_of
 from .patches import MISREAD
 from .places import kinds_of, parallel
 from .recent import kept
-from .search import Search, rms
+from .search import Search, brought, rms
 from .shapes import refine, shape_slopes
 from .significance import is_loud
 from .units import unit_at
@@ -36,6 +36,9 @@ from .unseen import beside, stacked
 from .whitening import log_p
 
 Location = dict[str, Any]
+
+EVIDENT_PEAK = 3.0
+"""Errors of a peak of friction near standstill, up to which it is none."""
 
 
 @kept
@@ -52,23 +55,22 @@ def _all_columns(search: Search, fit: Fit) -> tuple[list[Vector], list[list[list
     return banks, slopes
 
 
-def joint_covariance(search: Search, fit: Fit) -> tuple[Vector, list[slice], list[slice]]:
+def joint_covariance(search: Search, fit: Fit) -> tuple[Vector, tuple[np.ndarray, ...]]:
     """Covariance of base parameters, coefficients and shapes together (Gauss-Newton).
 
     Returns
     -------
     covariance : ndarray
-    beta, shape : list of slice
-        Where each effect's coefficients and shape stand.
+    where : tuple of ndarray of int
+        Where each effect's coefficients and then its shape stand.
     """
     banks, slopes = _all_columns(search, fit)
     covariance = _covariance(search.white(fit.whitener, banks))
-    start, betas, shapes = search.n_rigid, [], []
+    start, where = search.n_rigid, []
     for slope, b in zip(slopes, fit.beta, strict=True):
-        betas.append(slice(start, start + len(b)))
-        shapes.append(slice(start + len(b), start + len(b) + len(slope)))
+        where.append(np.arange(start, start + len(b) + len(slope)))
         start += len(b) + len(slope)
-    return covariance, betas, shapes
+    return covariance, tuple(where)
 
 
 def _covariance(W: Vector) -> Vector:
@@ -150,16 +152,21 @@ def with_scatter(
     return out
 
 
-def unsure_peaks(search: Search, judge: Search, fit: Fit, least: float = 3.0) -> list[int]:
+def stribeck_of(fit: Fit) -> list[int]:
+    """List the effects of a fit that are friction which peaks near standstill."""
+    return [j for j, c in enumerate(fit.effects) if c.effect.name == "stribeck_friction"]
+
+
+def unsure_peaks(search: Search, judge: Search, fit: Fit, least: float = EVIDENT_PEAK) -> list[int]:
     """List where friction peaks near standstill by no more than so many errors, training and unseen ones together."""
-    peaks = [j for j, c in enumerate(fit.effects) if c.effect.name == "stribeck_friction"]
+    peaks = stribeck_of(fit)
     if not peaks or not any(judge.problem.segments):
         return []
-    covariance, betas, shapes = joint_covariance(search, fit)
+    covariance, where = joint_covariance(search, fit)
     step, chance = unseen_shift(judge, fit, covariance)
     unsure = []
     for j in peaks:
-        own, candidate, beta = np.r_[betas[j], shapes[j]], fit.effects[j], fit.beta[j]
+        own, candidate, beta = where[j], fit.effects[j], fit.beta[j]
         values = parameters(candidate, beta, covariance[np.ix_(own, own)])
         peak = with_scatter(candidate, beta, step[own], chance[np.ix_(own, own)], values)["stribeck"]
         if peak["value"] < least * peak["std"]:
@@ -402,10 +409,9 @@ def unsized(explanation: Explanation) -> list[int]:
     Nor is one that is no such law as it was found, or a loud one whose parameters no such law has.
     """
     fit, out = explanation.fit, []
-    covariance, betas, shapes = joint_covariance(explanation.search, fit)
+    covariance, where = joint_covariance(explanation.search, fit)
     for j, candidate in enumerate(f.candidate for f in explanation.found):
-        index = np.r_[betas[j], shapes[j]]
-        spread = covariance[np.ix_(index, index)]
+        spread = covariance[np.ix_(where[j], where[j])]
         values = parameters(candidate, fit.beta[j], spread)
         sized = is_known(values, candidate, fit.beta[j], spread) and is_lawful(fit, j)
         odd = is_loud(explanation.found[j].score) and not is_admissible(candidate.effect, values)
@@ -489,7 +495,7 @@ def is_above_steps(search: Search, candidate: Candidate, values: dict[str, dict[
 
 def _travel(search: Search, candidate: Candidate, beta: Vector) -> float:
     """Give the largest travel between encoders (rms) that the first coefficients of an effect make."""
-    travel = [np.tensordot(beta, x[: len(beta)], 1) for x in search.columns(candidate)]
+    travel = brought(search, candidate, beta)
     return float(rms(search, travel)[-search.problem.model.n_motors :].max())
 
 

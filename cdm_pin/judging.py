@@ -219,10 +219,11 @@ def sized(explanation: Explanation, judge: Search | None, near: float = 15.0) ->
             simpler = _instead(explanation, j, found.candidate.dry)
             if judge is None or not _is_for(judge, explanation.fit, simpler.fit):
                 return sized(simpler, judge)
-    for j in fi.unsure_peaks(search, judge, explanation.fit) if lawful and judge is not None else ():
-        simpler = _instead(explanation, j, explanation.found[j].candidate.dry)
-        if judge is None or not _takes_most(judge, explanation.fit, simpler.fit):
-            return sized(simpler, judge)
+    if lawful and judge is not None:
+        for j in fi.unsure_peaks(search, judge, explanation.fit):
+            simpler = _instead(explanation, j, explanation.found[j].candidate.dry)
+            if not _takes_most(judge, explanation.fit, simpler.fit):
+                return sized(simpler, judge)
     for j in fi.unsized(explanation):
         found = explanation.found[j]
         without = search.without(explanation.fit, j)
@@ -257,8 +258,9 @@ def _is_for(judge: Search, fit: Fit, other: Fit) -> bool:
 def _takes_most(judge: Search, fit: Fit, other: Fit) -> bool:
     """Whether a fit takes most of what another one leaves of unseen recordings beyond their noise."""
     rows = judge.body(fit.whitener).data.size
-    own, its = (max(deviance_unseen(judge, f) - rows, 0.0) for f in (fit, other))
-    return _is_for(judge, fit, other) and own < MOST * its
+    own, its = (deviance_unseen(judge, f) for f in (fit, other))
+    taken = max(own - rows, 0.0) < MOST * max(its - rows, 0.0)
+    return taken and _unseen_gain(its, own, rows) > DECIDED
 
 
 def _unseen_gain(own: float, other: float, rows: int) -> float:

@@ -12,13 +12,13 @@ from .doubts import COMPLIANT
 from .drifting import still
 from .effects import CATALOGUE
 from .explanation import Explanation, estimated, explained, unsound, with_effects
-from .findings import joint_covariance
+from .findings import EVIDENT_PEAK, joint_covariance, stribeck_of
 from .fit import Fit
 from .friction_effects import peaks_by_its_sign
 from .leaders import UNLIKELIER, drives, same_width
 from .likelihood import REFINING, evidence, gain, has_ratio, likeliest, likelihood
 from .patches import REPELS
-from .search import Search, errors, rms
+from .search import Search, brought, errors, rms
 from .shapes import refine
 from .significance import from_errors_of_laws
 
@@ -256,7 +256,7 @@ def _is_all_but_errors(search: Search, without: Fit, own: Candidate, rival: Cand
         return False
     plain = (errors(search, f.base, f.effects, f.beta) for f in (beside, both))
     apart = still(search, [one - two for one, two in zip(*plain, strict=True)])
-    law = [np.tensordot(search.fit([*others, own], without.whitener).beta[-1], x, 1) for x in search.columns(own)]
+    law = brought(search, own, search.fit([*others, own], without.whitener).beta[-1])
     return bool(np.linalg.norm(rms(search, apart)) < WRONG * np.linalg.norm(rms(search, law)))
 
 
@@ -299,21 +299,21 @@ def repelled(explanation: Explanation) -> Explanation:
     return explained(search, explanation.bank, laws) if wrong else explanation
 
 
-def peakless(explanation: Explanation, least: float = 3.0) -> Explanation:
+def peakless(explanation: Explanation, least: float = EVIDENT_PEAK) -> Explanation:
     """Let Stribeck's friction be dry where its peak is no more than so many errors, or than its sign's passage.
 
     Its errors are those of chance, its velocity being as unknown as it is, and of a peak that may be part of the
     passage of its sign.
     """
     fit, accepted = explanation.fit, [f.candidate for f in explanation.found]
-    if not any(c.effect.name == "stribeck_friction" for c in accepted):
+    peaks = stribeck_of(fit)
+    if not peaks:
         return explanation
-    covariance, betas, _ = joint_covariance(explanation.search, fit)
-    for j, candidate in enumerate(accepted):
-        if candidate.effect.name == "stribeck_friction":
-            level, peak = fit.beta[j][:2]
-            passing = candidate.effect.errors(candidate.place, candidate.shape)["stribeck"]
-            error = np.hypot(np.sqrt(covariance[betas[j], betas[j]][1, 1]), passing * peak)
-            if peak <= max(least * error, PASSAGE * level) and candidate.dry.key not in [c.key for c in accepted]:
-                accepted[j] = candidate.dry
+    covariance, where = joint_covariance(explanation.search, fit)
+    for j in peaks:
+        candidate, (level, peak) = accepted[j], fit.beta[j][:2]
+        passing = candidate.effect.errors(candidate.place, candidate.shape)["stribeck"]
+        error = np.hypot(np.sqrt(np.diag(covariance)[where[j]][1]), passing * peak)
+        if peak <= max(least * error, PASSAGE * level) and candidate.dry.key not in [c.key for c in accepted]:
+            accepted[j] = candidate.dry
     return with_effects(explanation, accepted)

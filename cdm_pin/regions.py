@@ -11,7 +11,7 @@ from .candidates import Candidate
 from .fit import Fit
 from .geometry import Vector
 from .motion import Motion
-from .search import Search
+from .search import Search, brought
 from .units import unit_at
 from .whitening import inside
 
@@ -27,7 +27,7 @@ def visible_energy(search: Search, fit: Fit, j: int) -> list[Vector]:
     list of ndarray, shape (n_reduced,)
         Sum over the channels, one per run.
     """
-    own = [np.tensordot(fit.beta[j], columns, 1) for columns in search.columns(fit.effects[j])]
+    own = brought(search, fit.effects[j], fit.beta[j])
     level = 1.0 / np.maximum(np.abs(np.diag(fit.whitener.mix)), 1e-300)
     A = np.concatenate([(rigid / level[:, None]).reshape(len(rigid), -1) for rigid in search.rigid], axis=1)
     b = np.concatenate([(x / level[:, None]).ravel() for x in own])

@@ -16,7 +16,7 @@ from .geometry import Vector
 from .patches import MISREAD, RUBS
 from .pushes import briefest, run_of
 from .robust import UNSURE, is_coarse
-from .search import Search, errors, rms
+from .search import Search, brought, errors, rms
 from .walking import walking_noise
 from .whitening import blanked, inside_of
 
@@ -59,7 +59,7 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
     if not problem.torque:
         return True
     m = problem.model.n_motors
-    torque = [np.tensordot(beta, columns, 1) for columns in search.columns(candidate)]
+    torque = brought(search, candidate, beta)
     peak = np.max([np.abs(x[:m]).max(axis=1) for x in torque], axis=0)
     if push and np.all(peak <= 0.5 * problem.sensors.torque_steps):
         return False
@@ -75,7 +75,8 @@ def is_resolved(search: Search, candidate: Candidate, beta: Vector, fit: Fit) ->
         least = least * (problem.band.cutoff / max(problem.sensors.trusted, 1e-3)) ** 2
         W = beta @ search.white(fit.whitener, search.columns(candidate))
         visible = float(np.linalg.norm(fit.rest(W)) / max(np.linalg.norm(W), 1e-300))
-        least = np.maximum(least, np.maximum(ROUNDED * problem.sensors.rounding, problem.sensors.torque_stairs))
+        least = np.maximum(least, ROUNDED * problem.sensors.rounding)
+        least = np.maximum(least, problem.sensors.torque_stairs)
         if is_coarse(problem):
             least = np.maximum(least, UNSURE * problem.sensed[:m])
     if not np.any(visible * own[:m] > least):
@@ -107,7 +108,7 @@ def _is_rounded(search: Search, reading: Candidate, beta: Vector) -> bool:
     m = model.n_motors * problem.torque
     most = problem.half_steps
     bound = model.arm_scale * (np.abs(model.motor_from_joint) @ most["joint_position"] + most["motor_position"])
-    travel = [np.abs(np.tensordot(beta, columns, 1)[m:]).max(axis=1) for columns in search.columns(reading)]
+    travel = [np.abs(x[m:]).max(axis=1) for x in brought(search, reading, beta)]
     return bool(np.all(np.max(travel, axis=0) <= bound))
 
 
@@ -218,7 +219,7 @@ def outdoes_in_means(search: Search, candidate: Candidate, beta: Vector, fit: Fi
         return False
     known = np.zeros_like(own)
     for law, its in zip(fit.effects, fit.beta, strict=True):
-        series = [np.tensordot(its, columns[: len(its)], 1) for columns in search.columns(law)]
+        series = brought(search, law, its)
         known = known + law.law_error(search.problem.motions[0]) * np.abs(_travel_means(search, series))
     return bool(own @ own > 9.0 * (known @ known))
 

@@ -326,6 +326,14 @@ def raw_errors(search: Search, base: Vector, effects: Sequence[Candidate], beta:
     return out
 
 
+def brought(search: Search, candidate: Candidate, beta: Vector) -> list[Vector]:
+    """Give what an effect of some size brings in the band, per run, shape (n_channels, n_reduced).
+
+    Of its columns as many count as there are coefficients.
+    """
+    return [np.tensordot(beta, columns[: len(beta)], 1) for columns in search.columns(candidate)]
+
+
 def rms(search: Search, errors: Sequence[Vector]) -> Vector:
     """Root mean square per channel over the samples that are judged."""
     parts, n = [], np.zeros(0)

@@ -284,7 +284,7 @@ def _torque_steps(model: CableModel, signals: Signals) -> Vector:
 
 def _torque_stairs(model: CableModel, signals: Signals) -> Vector:
     steps = _torque_steps(model, signals)
-    own = noise_floor(measured_torques(model, signals.logged), signals.rate)
+    own = noise_floor(measured_torques(model, signals.logged), signals.rate, steps=steps)
     noise = np.sqrt(np.maximum(own**2 - steps**2 / 12.0, 0.0))  # without what rounding adds
     smoothed = np.divide(np.pi * noise, steps, out=np.zeros_like(steps), where=steps > 0.0)
     return steps / np.pi * np.exp(-2.0 * smoothed**2)

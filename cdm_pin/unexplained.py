@@ -22,7 +22,7 @@ from .motion import Motion
 from .places import axis_places
 from .problem import Problem, Run
 from .regions import change_time
-from .search import Search, rms
+from .search import Search, brought, rms
 from .signals_filters import differentiate, lowpass
 from .significance import is_loud
 from .spectra import tone_peaks, wandering
@@ -126,7 +126,7 @@ def _indexed(candidate: Candidate) -> dict[str, Any] | None:
 def _size(explanation: Explanation, j: int) -> float:
     """Give the root mean square of the torques of finding `j`, all motors together."""
     search, beta = explanation.search, explanation.fit.beta[j]
-    torque = [np.tensordot(beta, columns, 1) for columns in search.columns(explanation.found[j].candidate)]
+    torque = brought(search, explanation.found[j].candidate, beta)
     return float(np.sqrt(np.sum(rms(search, torque) ** 2)))
 
 
@@ -324,8 +324,8 @@ def _accuracy(search: Search, fit: Fit) -> Vector:
     """Say by how much the laws of a fit may be wrong, shape (n_channels,)."""
     total = np.zeros(search.problem.n_channels)
     for candidate, beta in zip(fit.effects, fit.beta, strict=True):
-        own = [np.tensordot(beta, columns, 1) for columns in search.columns(candidate)]
-        total += (candidate.law_error(search.problem.motions[0]) * rms(search, own)) ** 2
+        own = rms(search, brought(search, candidate, beta))
+        total += (candidate.law_error(search.problem.motions[0]) * own) ** 2
     return np.sqrt(total)
 
 

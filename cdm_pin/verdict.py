@@ -18,7 +18,7 @@ from .geometry import Vector
 from .model import CableModel
 from .parts import Part
 from .places import axis_place, parallel
-from .search import Search, rms
+from .search import Search, brought, rms
 from .significance import is_loud
 from .sticking import sticking
 from .unexplained import (
@@ -49,9 +49,9 @@ BURIED = 10.0
 """Times its noise by which a motor errs, beside something without a name, where no law that acts on it is sure."""
 TRIFLE = 0.05
 """Share of what was found beside it that a finding is which unseen recordings see elsewhere, and which is none then."""
-ANY, VAGUE, DOUBTFUL = 1.0, 2.0, 3.0
+ANY, VAGUE, DRIFTING = 1.0, 2.0, 3.0
 """Standard errors, by unseen recordings too, up to which a finding is none, beside something unexplained, and where it
-is not loud in the training either."""
+is a zero, which drifts, and not loud."""
 
 Values = dict[str, dict[str, Any]]
 
@@ -146,8 +146,7 @@ def reached(model: CableModel, judge: Search | None, explanation: Explanation, d
 
 def _named(model: CableModel, judge: Search | None, explanation: Explanation, disputed: bool) -> Verdict:
     """State the findings with a name of which it is known how large they are, the strongest first."""
-    covariance, betas, shapes = fi.joint_covariance(explanation.search, explanation.fit)
-    where = tuple(np.r_[beta, shape] for beta, shape in zip(betas, shapes, strict=True))
+    covariance, where = fi.joint_covariance(explanation.search, explanation.fit)
     verdict = Verdict(model, judge, explanation, disputed, covariance, where, {}, {})
     found, beta = explanation.found, explanation.fit.beta
     named = [j for j, f in enumerate(found) if f.candidate.named]
@@ -377,19 +376,19 @@ def _agreed(verdict: Verdict) -> Verdict:
             changing.append(j)
         told[j] = fi.with_scatter(fit.effects[j], fit.beta[j], *own, told[j])
         stated[j] = fi.with_scatter(fit.effects[j], fit.beta[j], *own, stated[j])
-    errors = ANY if verdict.unexplained is None else VAGUE
 
-    def sure(j: int, values: Values, least: float = errors) -> bool:
-        return fi.most_sure(fit.effects[j].effect.name, values) > least
-
-    def weak(j: int) -> bool:
+    def faded(j: int, least: float) -> bool:
+        before, after = (fi.most_sure(fit.effects[j].effect.name, values[j]) for values in (verdict.fitted, told))
+        if not before > least or after > least:
+            return False
         return not (carries(judge, explanation, j) or is_loud_there(judge, explanation, j))
 
-    vague = [j for j, v in told.items() if sure(j, verdict.fitted[j]) and not sure(j, v) and weak(j)]
-    verdict = replace(verdict, stated=stated).keeping(lambda j: j not in vague)
-    quiet = {j: (verdict.fitted[j], told[j]) for j in told if not is_loud(explanation.found[j].score)}
-    doubtful = [j for j, (a, b) in quiet.items() if sure(j, a, DOUBTFUL) and not sure(j, b, DOUBTFUL) and weak(j)]
-    verdict = verdict.keeping(lambda j: j not in doubtful)
+    vague = [j for j in told if faded(j, ANY if verdict.unexplained is None else VAGUE)]
+    zeros = [
+        j for j in told if fit.effects[j].effect.name == "torque_offset" and not is_loud(explanation.found[j].score)
+    ]
+    drifting = [j for j in zeros if faded(j, DRIFTING)]
+    verdict = replace(verdict, stated=stated).keeping(lambda j: j not in vague and j not in drifting)
     verdict = _without_changing(verdict, changing, "the unseen recordings")
     verdict = _without_changing(verdict, [j for j in parted if j in verdict.stated], "some parts of the recordings")
     if not vague or verdict.stated:
@@ -412,10 +411,8 @@ def _changing_parts(verdict: Verdict, told: Mapping[int, Values], lasting: Seque
 def _is_trifle(verdict: Verdict, j: int) -> bool:
     """Whether a finding is a small share of the others that are stated, or below the noise, wherever it is seen."""
     search, fit = verdict.search, verdict.fit
-    own, *others = (
-        rms(search, [np.tensordot(fit.beta[i], columns, 1) for columns in search.columns(fit.effects[i])])
-        for i in (j, *(i for i in verdict.stated if i != j))
-    )
+    both = (j, *(i for i in verdict.stated if i != j))
+    own, *others = (rms(search, brought(search, fit.effects[i], fit.beta[i])) for i in both)
     if not others:
         return False
     noise = rms(search, still_errors(search, fit))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -292,6 +292,13 @@ def _wilson(s: Share) -> tuple[float, float]:
     return float(middle - half), float(middle + half)
 
 
+def aside(words: str, rows: Sequence[Row], measures: Mapping[str, Callable[[Row], bool]]) -> list[Bar]:
+    """Give what a study of one effect or nothing came to, of which no bar is asked."""
+    some, none = ([row for row in rows if bool(row["effects"]) == there] for there in (True, False))
+    told = [share_bar(f"{words}, one effect: {name}", share(some, holds), None) for name, holds in measures.items()]
+    return [*told, share_bar(f"{words}, nothing missing: alarms", share(none, alarm), None)]
+
+
 def bars(rows: Sequence[Row]) -> list[Bar]:
     """Hold every measure against its bar."""
     plain, quarter, ladder = (of(rows, name) for name in SINGLE)
@@ -300,8 +307,7 @@ def bars(rows: Sequence[Row]) -> list[Bar]:
     told = estimates([row for row in met_exactly if everything(row)])
     ratios = [p.std / p.bound for p in told if p.bound > 0]
     bodies = [row for row in [*plain, *quarter] if row["effects"] and rigid(row)]
-    mujoco, several, timed = of(rows, "mujoco"), of(rows, "several"), in_share(rows)
-    moves = of(rows, "moves")
+    timed, name = in_share(rows), {"name and place first": first}
     return [
         clean_bar(clean),
         quantile_bar("nothing missing: amplitude that would have been seen, over the oracle's (median)",
@@ -337,20 +343,9 @@ def bars(rows: Sequence[Row]) -> list[Bar]:
                      [x for row in timed if row["links"] == "3" for x in numbers(row, "cpu")], 3.0, unit=" s"),
         quantile_bar("processor time of a diagnosis, all (median)",
                      [x for row in timed for x in numbers(row, "cpu")], None, unit=" s"),
-        share_bar("moved by MuJoCo, one effect: name and place first",
-                  share([row for row in mujoco if row["effects"]], first), None),
-        share_bar("moved by MuJoCo, nothing missing: alarms",
-                  share([row for row in mujoco if not row["effects"]], alarm), None),
-        share_bar("moved from point to point, one effect: name and place first",
-                  share([row for row in moves if row["effects"]], first), None),
-        share_bar("moved from point to point, one effect: everything right, nothing false",
-                  share([row for row in moves if row["effects"]], everything), None),
-        share_bar("moved from point to point, nothing missing: alarms",
-                  share([row for row in moves if not row["effects"]], alarm), None),
-        share_bar("several recordings, one effect: name and place first",
-                  share([row for row in several if row["effects"]], first), None),
-        share_bar("several recordings, nothing missing: alarms",
-                  share([row for row in several if not row["effects"]], alarm), None),
+        *aside("moved by MuJoCo", of(rows, "mujoco"), name),
+        *aside("moved from point to point", of(rows, "moves"), name | {"everything right, nothing false": everything}),
+        *aside("several recordings", of(rows, "several"), name),
         share_bar("diagnoses that failed or took too long", Share(sum(bool(r["failure"]) for r in rows), len(rows)),
                   None),
     ]  # fmt: skip
