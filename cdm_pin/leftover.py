@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -11,11 +11,11 @@ from .candidates import Candidate
 from .fit import Fit, least_squares
 from .geometry import Vector
 from .patches import TONE
-from .places import axis_places
 from .recent import kept, lasting
 from .search import Search, key_of
 from .shapes import shape_slopes
 from .spectra import Spectrum, spectrum, stands_out, tone_peaks, whitener_of
+from .standstill import standing_places
 from .whitening import Whitener, blanked, inside_of, log_p, put_back, quiet_segments
 
 SHORT = 128
@@ -102,11 +102,12 @@ def plain_rest(
 
 
 def holding_axes(search: Search) -> frozenset[int]:
-    """Tell which of the axes that rest now and then err far more while they do, as where friction holds what is left.
+    """Tell which coordinates that rest now and then err far more while they do, as where friction holds what is left.
 
-    Motors err by what rigid body and what most machines have leave over, in units of their error where no axis rests
-    that they feel. The axis that errs most along itself at rest comes first; the fit of what is judged then shows the
-    next. Where nothing rubs, none does, and all samples tell.
+    Motors err by what rigid body and what most machines have leave over, in units of their error where nothing rests
+    that they feel. What errs most along itself at rest comes first; the fit of what is judged then shows the next.
+    Two motors come last, along the direction in which they err most. Where nothing rubs, none does, and all samples
+    tell.
     """
     problem, m, runs = search.problem, search.problem.model.n_motors, search.problem.segments
     common = [search.columns(c) for c in search.common]
@@ -134,18 +135,29 @@ def holding_axes(search: Search) -> frozenset[int]:
     e, freedom = errors_and_freedom(moving, 1.0 / np.diag(search.plain.mix)[:m])
     size = np.sqrt(np.sum((e * moving) ** 2, axis=1) / freedom)
     resting = {k: ~judged_but(frozenset({k})).all(axis=0) for k in problem.resting}
-    along = {k: axis_places(problem.model)[k].weights(problem.model) / size for k in problem.resting}
+    places = standing_places(problem.model)
+    along = {k: places[k].weights(problem.model) / size for k in problem.resting}
+    pairs = frozenset(k for k in problem.resting if places[k].is_pair)
+
+    def worst(among: Iterable[int], z: Vector, live: np.ndarray) -> tuple[float, int]:
+        times = [(0.0, -1)]
+        for k in among:
+            felt = along[k] != 0.0
+            there = resting[k] & live[felt].all(axis=0)
+            if there.sum() >= FEW:
+                mean = z[felt][:, there] @ z[felt][:, there].T / there.sum()
+                unit = along[k][felt] / np.linalg.norm(along[k])
+                times.append((np.linalg.eigvalsh(mean)[-1] if k in pairs else unit @ mean @ unit, k))
+        return max(times)
+
     holding: frozenset[int] = frozenset()
     while True:
         live = judged_but(holding)
         z = errors_and_freedom(live, size)[0] / size[:, None]
-        times = {}
-        for k in problem.resting - holding:
-            there = resting[k] & live[along[k] != 0.0].all(axis=0)
-            if there.sum() >= FEW:
-                times[k] = float(np.sqrt(np.mean((along[k] @ z[:, there]) ** 2))) / float(np.linalg.norm(along[k]))
-        k = max(times, key=times.__getitem__, default=None)
-        if k is None or times[k] < AT_REST:
+        power, k = worst(problem.resting - pairs - holding, z, live)
+        if power < AT_REST**2:
+            power, k = worst(pairs - holding, z, live)
+        if power < AT_REST**2:
             return holding
         holding |= {k}
 

@@ -12,8 +12,9 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from .band import Band
 from .geometry import Vector
+from .model import CableModel
 from .motion import Motion
-from .places import axis_places
+from .places import Place, pair_places, rub_places
 
 HOLD = 0.25
 """Time [s] for which an axis has to rest, so that it stands and does not turn."""
@@ -56,7 +57,7 @@ def rests(position: Vector, valid: np.ndarray, rate: float, error: float) -> np.
 
 
 def resting_axes(motion: Motion, valid: np.ndarray, rate: float) -> frozenset[int]:
-    """Tell which axes, of all joints and motors in turn, rest now and then.
+    """Tell which coordinates (`standing_places`) rest now and then.
 
     Parameters
     ----------
@@ -105,9 +106,20 @@ def reach(band: Band) -> int:
     return 2 * round(REACH * band.rate / band.cutoff) + 1
 
 
+def standing_places(model: CableModel) -> list[Place]:
+    """Every coordinate along which friction may hold: where parts slide on each other, and every two motors."""
+    return rub_places(model) + pair_places(model)
+
+
 def standing(motion: Motion, valid: np.ndarray, rate: float) -> Iterator[tuple[int, Vector, np.ndarray]]:
-    """Give the number of every axis, how much of its friction each motor feels, and when it stands still."""
-    for k, place in enumerate(axis_places(motion.model)):
-        error = motion.position_error(np.array(place.A), np.array(place.B))
-        still = rests(place.along(motion.q, motion.q_m), valid, rate, error)
+    """Give the number of every coordinate, how much of its friction each motor feels, and when it stands still.
+
+    What two motors have in common does so where both do, as nobody knows at which ratio.
+    """
+    for k, place in enumerate(standing_places(motion.model)):
+        parts = np.diag(place.B)[np.array(place.B) != 0.0] if place.is_pair else np.array(place.B)[None]
+        still = np.ones(len(motion.time), bool)
+        for B in parts:
+            error = motion.position_error(np.array(place.A), B)
+            still &= rests(motion.q @ np.array(place.A) + motion.q_m @ B, valid, rate, error)
         yield k, np.abs(place.weights(motion.model)), still

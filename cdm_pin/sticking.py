@@ -10,7 +10,7 @@ from scipy.ndimage import minimum_filter1d
 
 from .fit import Fit
 from .geometry import Vector
-from .places import axis_places, parallel
+from .places import parallel, rub_places
 from .problem import Problem
 from .search import Search, raw_errors, rms
 from .standstill import reach, standing
@@ -32,9 +32,9 @@ def sticking(search: Search, fit: Fit) -> dict[str, Any] | None:
     if not search.problem.partly:
         return None
     model, errors = search.problem.model, raw_errors(search, fit.base, fit.effects, fit.beta)
-    noise, places = rms(search, errors)[: model.n_motors], axis_places(model)
+    noise, places = rms(search, errors)[: model.n_motors], rub_places(model)
     still = [
-        [x for _, _, x in standing(run.motion, run.signals.valid, search.problem.band.rate)]
+        [x for k, _, x in standing(run.motion, run.signals.valid, search.problem.band.rate) if k < len(places)]
         for run in search.problem.runs
     ]
     worst: tuple[float, dict[str, Any] | None] = (1.0, None)
@@ -77,7 +77,7 @@ def _alone_at_rest(problem: Problem, still: Sequence[np.ndarray], axis: int) -> 
 
     Of the axes that share a motor with it; `still` tells when each one rests.
     """
-    weights = [place.weights(problem.model) for place in axis_places(problem.model)]
+    weights = [place.weights(problem.model) for place in rub_places(problem.model)]
     own, others = np.zeros((2, len(still[axis])), bool)
     for w, rests in zip(weights, still, strict=True):
         if parallel(w, weights[axis]):
