@@ -285,12 +285,16 @@ def test_dry_friction_stands_for_a_law_that_is_not_told_from_it(tmp_path, seed, 
     assert effect in [r["effect"] for r in finding["indistinguishable_from"]]
 
 
+def slow(*values):
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
 @pytest.mark.parametrize(
     ("seed", "bits"),
     [
-        (202895779544438, 14),  # a ratio of two motors that takes up most of what a gain is off by
+        slow(202895779544438, 14),  # a ratio of two motors that takes up most of what a gain is off by
         (229026444396308, 17),  # ripple of a motor that turns by a wrong map, seen by encoders of the joints alone
-        (1625527913126, 17),  # a delay that looks like friction at every axis
+        slow(1625527913126, 17),  # a delay that looks like friction at every axis
     ],
 )
 def test_three_effects_are_told_apart(tmp_path, seed, bits):
@@ -365,6 +369,7 @@ def test_a_motor_ripples_a_whole_number_of_times_a_turn(tmp_path):
     assert finding["parameters"]["cycles"]["value"] == effect["parameters"]["cycles"]
 
 
+@pytest.mark.slow
 def test_what_acts_on_a_motor_whose_error_stays_huge_is_not_sure(tmp_path):
     """A spring between two joints, of no catalogue: most of it is like one at joint 1, and far too much is left."""
     _, content = strange(tmp_path, 130362614262690, "cross_spring", bits=17)

@@ -192,6 +192,7 @@ def test_a_quick_drift_is_no_push():
     assert diagnose(load_model(ARM), runs[:1], runs[1:]).content["verdict"] == "consistent"
 
 
+@pytest.mark.slow
 def test_pushes_at_two_times_and_on_two_recordings_are_all_told():
     """The same joint is pushed twice in one recording, and at one of these times in another; each push is one."""
     runs = [recording(60, push=0.3, at=(20.0, 45.0)), recording(61, push=0.3), recording(62)]

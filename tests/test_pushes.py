@@ -130,6 +130,7 @@ def test_a_law_that_is_another_one_in_unseen_recordings_has_no_name(there, verdi
         assert [(f["effect"], f["location"]["index"]) for f in content["findings"]] == [("viscous_friction", 2)]
 
 
+@pytest.mark.slow
 def test_what_motors_err_by_alike_is_no_noise():
     """Dry friction of joint 2 that swells and fades, otherwise in every recording: no law, but no sensor's noise."""
 

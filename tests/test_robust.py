@@ -150,6 +150,7 @@ def test_what_only_unseen_recordings_show_is_said(tmp_path):
     assert "in unseen recordings alone" in content["unexplained"]["region"]
 
 
+@pytest.mark.slow
 def test_unseen_recordings_second_what_errors_of_laws_could_explain(tmp_path):
     """Base tilt beside far larger friction and a spring: the training alone would not claim it."""
     model, runs, unseen, _ = loaded_trial(tmp_path, 948, effects=3)
@@ -165,6 +166,7 @@ def test_gains_do_not_live_on_the_torque_of_what_they_replace(tmp_path):
     assert np.max(np.divide(*[content["fit"]["holdout"][k] for k in ("rmse_augmented", "noise_floor")])) < 3.0
 
 
+@pytest.mark.slow
 def test_no_constant_is_an_error_of_a_law(tmp_path):
     """Friction that differs by a third either way, in slow noise: the sign alone leaves a constant that noise hides."""
     model, runs, unseen, _ = loaded_trial(tmp_path, 198739516215584, effects=2, at_least=50.0, bits=14)
@@ -181,6 +183,7 @@ def test_shapes_that_only_unseen_recordings_tell_well_are_no_fault(tmp_path):
     assert [f["effect"] for f in content["findings"]] == ["stribeck_friction"]
 
 
+@pytest.mark.slow
 def test_a_refinement_that_masses_hide_is_listed(tmp_path):
     """Unequal friction whose difference the masses take up: equal friction is named, the other beside it."""
     model, runs, unseen, _ = loaded_trial(tmp_path, 171121126677185, effects=1, at_least=50.0, bits=17)
@@ -675,6 +678,7 @@ def test_what_swings_above_the_band_is_no_wander(monkeypatch):
     assert unexplained.moving_torque(None, None) is None
 
 
+@pytest.mark.slow
 def test_masses_do_not_hide_a_swing_above_the_band(tmp_path):
     """A torque swings at 4.9 Hz, above the frequencies of the motion, and moves its joint."""
     settings = {"out_of_catalogue": True, "at_least": 50.0, "bits": 14}
@@ -1269,6 +1273,7 @@ def test_dry_friction_does_not_stand_beside_what_refines_it(tmp_path):
     assert (finding["effect"], finding["location"]) == ("asymmetric_friction", {"kind": "joint", "index": 2})
 
 
+@pytest.mark.slow
 def test_no_experiment_is_asked_for_to_part_what_turns_alike(tmp_path):
     """Stick-slip friction of joint 1, which motor 1 alone drives: no motion parts the two; there is none to record."""
     model, runs, unseen, _ = loaded_trial(tmp_path, 172570246813453, effects=1, bits=17, at_least=50.0)

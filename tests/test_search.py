@@ -437,6 +437,7 @@ def test_a_stated_payload_is_in_the_motion(tmp_path):
         np.testing.assert_allclose(np.subtract(masses, there.model.standard_parameters[-10]), held, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_springs_pull_on_links_that_swing(tmp_path):
     """Where links hang on a soft cable a known spring moves them too; one that does not stiffen is said not to."""
     model, runs, unseen, truth = loaded_trial(

@@ -115,6 +115,7 @@ def test_columns_of_the_soft_cable_are_derivatives_of_what_its_motion_asks_for(m
         assert np.linalg.norm(own - known) < 0.02 * np.linalg.norm(known)
 
 
+@pytest.mark.slow
 def test_a_resonance_in_the_band_is_told_from_the_motors_alone(soft, monkeypatch):
     """It would not be if links that swing made the training no likelier, whatever they do on the unseen run."""
     model, runs, unseen, truth = soft
