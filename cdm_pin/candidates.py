@@ -325,8 +325,14 @@ def at_known_place(candidate: Candidate, model: CableModel, alike: float = 0.999
 
 def shares_motor(a: Candidate, other: Candidate, model: CableModel) -> bool:
     """Whether an effect acts along a coordinate that meets another's, or on a cable whose motor the other moves."""
-    on_cable = not a.place.A and np.abs(other.place.weights(model)[list(a.place.index[:1])]) > 1e-9
-    return a.meets(other) or bool(np.any(on_cable))
+    if a.place.A:
+        return a.meets(other)
+    cable, its = a.place.index[:1], other.place.index[:1]
+    return (
+        cable == its != ()
+        if not other.place.A
+        else bool(np.any(np.abs(other.place.weights(model)[list(cable)]) > 1e-9))
+    )
 
 
 def coupled_alike(model: CableModel, candidate: Candidate) -> list[dict[str, Any]]:

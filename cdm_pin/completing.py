@@ -19,7 +19,7 @@ from .verdict import Verdict
 
 def stated_laws(verdict: Verdict) -> tuple[dict[str, Any], ...]:
     """Say the findings of a verdict as model files do; where nearly every axis rubs, also those not sure of a name."""
-    written = verdict.fitted if verdict.everywhere else verdict.stated
+    written = verdict.fitted if verdict.everywhere else {**verdict.stated, **verdict.contacts}
     return tuple(
         record
         for j, values in written.items()
@@ -43,7 +43,10 @@ def law_records(
                 own = {name: round(float(x), 10) for name, x in own.items()}
                 out.append({"effect": "hysteresis", "location": candidate.location, "parameters": own})
         return out
-    parameters = {name: round(float(v["value"]), 10) for name, v in values.items()}
+    bounds = {p.name: (p.lower, p.upper) for p in candidate.effect.parameters}
+    parameters = {
+        name: round(float(np.clip(v["value"], *bounds.get(name, (-np.inf, np.inf)))), 10) for name, v in values.items()
+    }
     if candidate.effect.nuisance_shape:
         parameters["width"] = round(float(candidate.shape[0]), 10)
     own = {"effect": candidate.effect.name, "location": candidate.location, "parameters": parameters}

@@ -408,16 +408,26 @@ def unsized(explanation: Explanation) -> list[int]:
 
     Nor is one that is no such law as it was found, or a loud one whose parameters no such law has.
     """
-    fit, out = explanation.fit, []
-    covariance, where = joint_covariance(explanation.search, fit)
-    for j, candidate in enumerate(f.candidate for f in explanation.found):
-        spread = covariance[np.ix_(where[j], where[j])]
-        values = parameters(candidate, fit.beta[j], spread)
-        sized = is_known(values, candidate, fit.beta[j], spread) and is_lawful(fit, j)
-        odd = is_loud(explanation.found[j].score) and not is_admissible(candidate.effect, values)
-        if candidate.named and (odd or not sized):
+    fit, out = explanation.fit, odd(explanation)
+    for j, (values, spread) in _fitted(explanation).items():
+        if not (is_known(values, fit.effects[j], fit.beta[j], spread) and is_lawful(fit, j)):
             out.append(j)
-    return out
+    return sorted(set(out))
+
+
+def odd(explanation: Explanation) -> list[int]:
+    """List the loud findings with a name whose parameters no such law has."""
+    effects, found = explanation.fit.effects, explanation.found
+    fitted = {j: values for j, (values, _) in _fitted(explanation).items() if is_loud(found[j].score)}
+    return [j for j, values in fitted.items() if not is_admissible(effects[j].effect, values)]
+
+
+def _fitted(explanation: Explanation) -> dict[int, tuple[dict[str, dict[str, Any]], Vector]]:
+    """Give the parameters of the findings with a name, and the covariance of their coefficients and shapes."""
+    fit = explanation.fit
+    covariance, where = joint_covariance(explanation.search, fit)
+    spreads = {j: covariance[np.ix_(where[j], where[j])] for j, c in enumerate(fit.effects) if c.named}
+    return {j: (parameters(fit.effects[j], fit.beta[j], spread), spread) for j, spread in spreads.items()}
 
 
 def is_lawful(fit: Fit, j: int) -> bool:

@@ -16,7 +16,7 @@ from .geometry import Vector
 from .measured import both_positions, measured_torques
 from .model import CableModel
 from .signals import Signals
-from .signals_filters import differentiate, lowpass, noise_floor, stretches
+from .signals_filters import differentiate, lowpass, noise_floor, stretches, window_length
 
 BEYOND = 4.0
 """How many times the band's frequencies are too quick for what the motion brings, but for moments."""
@@ -163,7 +163,7 @@ def motion_limit(model: CableModel, signals: Signals, most: float, chance: float
         return np.inf
     q = both_positions(model, signals.logged)[0][start:stop]
     smooth = lowpass(q, signals.rate, SMOOTH)
-    n = min(len(q) - 2, int(16.0 * signals.rate))
+    n = window_length(len(q) - 2, 16.0 * signals.rate)
     f, power = welch(np.diff(q, 2, axis=0), signals.rate, nperseg=n, axis=0)
     rounding = _rounded(model, signals, smooth) - smooth
     steps = welch(np.diff(rounding, 2, axis=0), signals.rate, nperseg=n, axis=0)[1]

@@ -131,6 +131,14 @@ def differentiate(x: np.ndarray, rate: float) -> np.ndarray:
     return out
 
 
+def window_length(n: int, most: float) -> int:
+    """Give the longest segments, of so many samples at most, that reach to the end of `n` where they overlap by half.
+
+    A spectrum of segments leaves out what does not fill one, and a motion may be quick at its end alone.
+    """
+    return int(n / (0.5 + 0.5 * max(np.ceil(2.0 * n / most - 1.0), 1.0)))
+
+
 def spectrum(x: np.ndarray, rate: float, longest: int = 1 << 14) -> tuple[np.ndarray, np.ndarray]:
     r"""Give the power spectral density of a motion, whose lines are 1e10 times its noise.
 
@@ -153,7 +161,8 @@ def spectrum(x: np.ndarray, rate: float, longest: int = 1 << 14) -> tuple[np.nda
         Unit of x squared per Hz, one-sided.
     """
     curvature = np.diff(x, 2, axis=0)
-    frequency, density = welch(curvature, rate, window="blackmanharris", nperseg=min(len(curvature), longest), axis=0)
+    length = window_length(len(curvature), longest)
+    frequency, density = welch(curvature, rate, window="blackmanharris", nperseg=length, axis=0)
     return frequency[1:], density[1:] / (2 * np.sin(np.pi * frequency[1:, None] / rate)) ** 4
 
 

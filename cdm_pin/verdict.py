@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from . import findings as fi
+from .candidates import shares_motor
 from .confirming import ONCE, carries, is_loud_there, plain_errors
 from .drifting import still_errors
 from .everywhere import agreements
@@ -49,6 +50,8 @@ BURIED = 10.0
 """Times its noise by which a motor errs, beside something without a name, where no law that acts on it is sure."""
 TRIFLE = 0.05
 """Share of what was found beside it that a finding is which unseen recordings see elsewhere, and which is none then."""
+CONTACT = 0.1
+"""Share of half a cable's play that it gives (rms), up to which that is how hard the play's ends are."""
 ANY, VAGUE, DRIFTING = 1.0, 2.0, 3.0
 """Standard errors, by unseen recordings too, up to which a finding is none, beside something unexplained, and where it
 is a zero, which drifts, and not loud."""
@@ -79,6 +82,8 @@ class Verdict:
         Of those that are listed, with all errors that they may have.
     unexplained : dict or None
         What is there that has no name, as the format says it.
+    contacts : dict
+        Parameters of what belongs to a finding and is not listed beside it.
     """
 
     model: CableModel
@@ -90,6 +95,7 @@ class Verdict:
     fitted: Mapping[int, Values]
     stated: Mapping[int, Values]
     unexplained: dict[str, Any] | None = None
+    contacts: Mapping[int, Values] = field(default_factory=dict)
 
     @property
     def search(self) -> Search:
@@ -255,6 +261,40 @@ def _unsized(verdict: Verdict) -> Verdict:
     return replace(verdict, unexplained=of_no_size(verdict.explanation, unsure))
 
 
+def _odd(verdict: Verdict) -> Verdict:
+    """Whether something loud was found with parameters that no such law has: it is another, and spoils what is near."""
+    found, odd = verdict.explanation.found, fi.odd(verdict.explanation)
+    unexplained = of_no_size(verdict.explanation, odd, "by a law like one that is known, with parameters that none has")
+    if unexplained is None:
+        return verdict
+    most = fi.OUTWEIGHS * max(found[j].score.statistic for j in odd)
+
+    def stands(j: int) -> bool:
+        pairs = [(found[j].candidate, found[i].candidate) for i in odd]
+        near = any(shares_motor(a, b, verdict.model) or shares_motor(b, a, verdict.model) for a, b in pairs)
+        return j not in odd and (found[j].score.statistic > most or not near)
+
+    return replace(verdict, unexplained=unexplained).keeping(stands)
+
+
+def _contact(verdict: Verdict) -> Verdict:
+    """List no soft cable that gives next to nothing beside its play: that is how hard the play's ends are."""
+    search, fit = verdict.search, verdict.fit
+    gaps = {
+        c.place.index: beta[0] for c, beta in zip(fit.effects, fit.beta, strict=True) if c.effect.name == "backlash"
+    }
+
+    def stands(j: int) -> bool:
+        candidate = fit.effects[j]
+        if candidate.effect.name != "cable_elasticity" or candidate.place.index not in gaps:
+            return True
+        gives = rms(search, brought(search, candidate, fit.beta[j]))[-verdict.model.n_motors :]
+        return bool(np.max(gives) > CONTACT * gaps[candidate.place.index])
+
+    kept = verdict.keeping(stands)
+    return replace(kept, contacts={j: v for j, v in verdict.stated.items() if j not in kept.stated})
+
+
 def _loud(verdict: Verdict) -> Verdict:
     """Whether, of a disputed explanation, something loud is left; what happens once cannot be confirmed then.
 
@@ -326,6 +366,8 @@ GATES: Sequence[Callable[[Verdict], Verdict]] = (
     _elsewhere,
     _shared,
     _unsized,
+    _odd,
+    _contact,
     _loud,
     _drowned,
     _swinging,

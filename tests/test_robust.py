@@ -51,6 +51,7 @@ from cdm_pin.sensor_noise import SensorNoise, motion_limit
 from cdm_pin.settings import Settings
 from cdm_pin.shapes import _white_slopes, loosened, yielding
 from cdm_pin.signals import prepare
+from cdm_pin.signals_filters import window_length
 from cdm_pin.spectra import Spectrum, spectrum
 from cdm_pin.unexplained import _is_one, is_far, ringing_torque, wandering_travel
 from cdm_pin.wording import clause
@@ -125,6 +126,24 @@ def test_accelerations_are_heard_up_to_where_the_motion_ends(line, low, high):
     q = q + line * np.sin(2 * np.pi * 6.0 * t)[:, None] + 1e-4 * rng.normal(size=q.shape)
     signals = prepare(Recording(t, {"joint_position": q, "motor_torque": rng.normal(size=q.shape)}), model)
     assert low < motion_limit(model, signals, 9.0) < high
+
+
+def test_what_is_quick_at_the_end_alone_is_heard():
+    """A slow motion of 40 s that vibrates at 6 Hz in its last 6 s: segments of a spectrum reach to the end."""
+    model = load_model("urdf/planar3.yaml")
+    rng, t = np.random.default_rng(0), np.arange(4000) / 100
+    q = 0.6 * np.sin(2 * np.pi * np.array([0.2, 0.13, 0.27]) * t[:, None] + 1.0)
+    q = q + 4e-3 * (np.clip(t - 34.0, 0.0, 1.0) * np.sin(2 * np.pi * 6.0 * t))[:, None]
+    q = q + 1e-4 * rng.normal(size=q.shape)
+    signals = prepare(Recording(t, {"joint_position": q, "motor_torque": rng.normal(size=q.shape)}), model)
+    assert 5.9 < motion_limit(model, signals, 9.0) < 7.5
+
+
+@pytest.mark.parametrize(("n", "most"), [(16000, 6400), (100, 6400), (6400, 6400), (6401, 6400), (24000, 16384)])
+def test_segments_reach_to_the_end(n, most):
+    size = window_length(n, most)
+    step = size - size // 2
+    assert size <= most and n - (size + (n - size) // step * step) < 2 * n / size
 
 
 def test_friction_of_a_contact_takes_no_place_that_it_cannot_have():

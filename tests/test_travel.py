@@ -1,0 +1,47 @@
+"""Travel between motors and joints: which laws of a cable it has, and which parameters these may have."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cdm_pin.diagnose import diagnose
+from cdm_pin.dynamics import motor_torques
+from cdm_pin.model import load_model
+from cdm_pin.recording import Recording
+
+
+def behind(seed, travel, duration=40.0):
+    """Record two links and their motors, of which the second is ahead by a function of its torque [rad]."""
+    model = load_model("urdf/cdm2.yaml")
+    t = np.arange(0.0, duration, 0.005)
+    rng = np.random.default_rng(seed)
+    w, phase = np.array([1.3, 1.9]), rng.uniform(0, 6, (2, 2))
+    angles = [k * w * t[:, None] + p for k, p in zip((1, 2.3), phase, strict=True)]
+    q = 0.5 * sum(np.sin(x) for x in angles)
+    v = 0.5 * sum(k * w * np.cos(x) for k, x in zip((1, 2.3), angles, strict=True))
+    a = -0.5 * sum((k * w) ** 2 * np.sin(x) for k, x in zip((1, 2.3), angles, strict=True))
+    torque, ahead = motor_torques(model, q, v, a), np.zeros_like(q)
+    ahead[:, 1] = travel(torque[:, 1] / torque[:, 1].std()) / model.arm_scale[1]
+    noise = [x * rng.standard_normal(q.shape) for x in (1e-5, 1e-5, 0.003 * torque.std(axis=0))]
+    channels = [q, model.motor_position(q) + ahead, torque]
+    names = ("joint_position", "motor_position", "motor_torque")
+    return model, Recording(t, {k: x + e for k, x, e in zip(names, channels, noise, strict=True)}, label=f"made {seed}")
+
+
+def test_a_law_with_parameters_that_none_has_is_another():
+    """A cable that hardens: soft about zero, it looks like play, and like a spring that gives before it is pulled."""
+    (model, run), (_, unseen) = (behind(k, lambda x: 0.02 * np.cbrt(x)) for k in (1, 2))
+    content = diagnose(model, [run], [unseen]).content
+    assert content["verdict"] == "unexplained" and not content["findings"]
+    assert content["unexplained"]["location"]["index"] == 2
+
+
+def test_how_hard_the_ends_of_play_are_is_no_soft_cable():
+    """The contact gives a fortieth of the play: the model holds it, the list of what is missing does not."""
+    (model, run), (_, unseen) = (behind(k, lambda x: 0.02 * np.tanh(x / 0.01) + 5e-4 * x) for k in (1, 2))
+    result = diagnose(model, [run], [unseen])
+    (finding,) = result.content["findings"]
+    assert finding["effect"] == "backlash"
+    assert finding["parameters"]["half_gap"]["value"] == pytest.approx(0.02, rel=0.1)
+    assert {e["effect"] for e in result.manipulator.effects} == {"backlash", "cable_elasticity"}
