@@ -22,6 +22,8 @@ SHORT = 128
 """Samples of a stretch from which on lines are looked for in its spectrum."""
 AT_REST, FEW = 1.5, 10
 """How many times their error in motion motors err along an axis at rest, from which on it holds; of so many samples."""
+MORE = 1.2
+"""How many times the squared error of an axis two motors have at rest that hold each other, along none of all axes."""
 SUPPORT = 12.0
 """Degrees of freedom by which noise beside smooth functions is known at least; with fewer they are left out."""
 OWN = 0.02
@@ -105,8 +107,8 @@ def holding_axes(search: Search) -> frozenset[int]:
     """Tell which coordinates that rest now and then err far more while they do, as where friction holds what is left.
 
     Motors err by what rigid body and what most machines have leave over, in units of their error where nothing rests
-    that they feel. What errs most along itself at rest comes first; the fit of what is judged then shows the next.
-    Two motors come last, along the direction in which they err most. Where nothing rubs, none does, and all samples
+    that they feel. What errs most along itself at rest comes first, two motors along the direction in which they do if
+    that is clearly more; the fit of what is judged then shows the next. Where nothing rubs, none does, and all samples
     tell.
     """
     problem, m, runs = search.problem, search.problem.model.n_motors, search.problem.segments
@@ -155,8 +157,9 @@ def holding_axes(search: Search) -> frozenset[int]:
         live = judged_but(holding)
         z = errors_and_freedom(live, size)[0] / size[:, None]
         power, k = worst(problem.resting - pairs - holding, z, live)
-        if power < AT_REST**2:
-            power, k = worst(pairs - holding, z, live)
+        both, pair = worst(pairs - holding, z, live)
+        if both > MORE * power:
+            power, k = both, pair
         if power < AT_REST**2:
             return holding
         holding |= {k}

@@ -15,13 +15,13 @@ from cdm_pin.dynamics import motor_torques
 from cdm_pin.leftover import holding_axes
 from cdm_pin.likelihood import likelihood
 from cdm_pin.model import load_model
-from cdm_pin.places import axis_places
+from cdm_pin.places import axis_places, guide_places
 from cdm_pin.problem import make_problem
 from cdm_pin.recording import Recording
 from cdm_pin.resolved import _is_judged
 from cdm_pin.search import Search, rms
 from cdm_pin.settings import Settings
-from cdm_pin.standstill import rests
+from cdm_pin.standstill import rests, standing_places
 from cdm_pin.sticking import sticking
 from cdm_pin.whitening import Stretches, Whitener, counts, fit_whitener, foreseen, log_likelihood, quiet_segments
 
@@ -99,6 +99,29 @@ def test_only_the_axis_that_holds_is_passed_over(joint):
     assert axis_places(model)[axis].location == {"kind": "joint", "index": joint + 1}
     part, whole = (searches.problem.judged_without(axes).runs[0].judged for axes in ({axis}, searches.problem.resting))
     assert part.sum() > 1.2 * whole.sum()
+
+
+@pytest.mark.parametrize("ratio", [None, -0.7])
+def test_what_holds_a_cable_or_two_motors_is_passed_over(ratio):
+    """Friction of cable 3 on the guides of link 1, or between motors 1 and 3 at a ratio that nobody knows."""
+    model, rng = load_model(ARM.parent / "planar3.yaml"), np.random.default_rng(1)
+    t = np.arange(0.0, 60.0, 1.0 / RATE)
+    targets = rng.uniform(-1.0, 1.0, (3, 60))
+    q = np.stack(
+        [steps(t, y, period, 0.4 * k) for k, (y, period) in enumerate(zip(targets, (3.1, 2.3, 2.7), strict=True))],
+        axis=1,
+    )
+    v, a = np.gradient(q, 1.0 / RATE, axis=0), np.gradient(np.gradient(q, 1.0 / RATE, axis=0), 1.0 / RATE, axis=0)
+    guide = next(place for place in guide_places(model) if place.index == (2, 1))
+    weights = guide.weights(model) if ratio is None else np.array([ratio, 0.0, 1.0])
+    slip = v @ model.motor_from_joint.T @ weights
+    held = np.repeat(rng.uniform(-1.0, 1.0, 60), int(RATE))
+    friction = 0.5 * np.where(np.abs(slip) > 1e-3, np.sign(slip), held)[:, None] * weights
+    torque = motor_torques(model, q, v, a) + friction + NOISE * rng.standard_normal(q.shape)
+    holding = holding_axes(searched(model, Recording(t, {"joint_position": q, "motor_torque": torque})))
+    kind, places = "cable" if ratio is None else "combination", [standing_places(model)[k] for k in holding]
+    (place,) = (place for place in places if place.location["kind"] == kind)
+    assert np.flatnonzero(place.weights(model)).tolist() == [0, 2]
 
 
 def test_unseen_recordings_are_judged_as_those_learned_from():
