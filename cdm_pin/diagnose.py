@@ -16,6 +16,7 @@ from .candidates import Candidate
 from .completing import completed_manipulator, stated_laws
 from .content import content_of, experiment_content, insufficient_content, unresolved
 from .drifting import drifts_like, is_swamped, shorter_drift, still_errors, with_drift
+from .endogenous import without_followers
 from .events import ProgressCallback
 from .explain import explain, finished
 from .explanation import Explanation, Found
@@ -137,6 +138,8 @@ def diagnose(
     if seen is not None and seen.resting & free:
         seen = seen.judged_without(seen.resting - free)
     soft = _swinging(Search(problem, base, settings), seen, first, progress)
+    again = without_followers(soft)
+    first, soft = (again if soft is first else without_followers(first)), again
     judge, explanation = validated(seen, soft)
     if explanation.search.problem.swings:
         first = soft

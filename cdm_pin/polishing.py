@@ -34,9 +34,7 @@ def polish(search: Search, bank: Bank, accepted: list[Candidate], rounds: int = 
     """
     for _ in range(rounds):
         before, whitener = accepted, clear_noise(search, accepted)
-        for j in range(len(accepted)):
-            if not accepted[j].named:
-                continue
+        for j in _named(accepted):
             others = [c for i, c in enumerate(accepted) if i != j]
             fit = search.fit(others, whitener)
             rivals = leading(search, fit, bank, 6, others, instead=[accepted[j]])
@@ -53,6 +51,10 @@ def polish(search: Search, bank: Bank, accepted: list[Candidate], rounds: int = 
         if _leans_on(search, whitener, before, accepted):
             return before
     return accepted
+
+
+def _named(accepted: Sequence[Candidate]) -> list[int]:
+    return [j for j, c in enumerate(accepted) if c.named]
 
 
 def _is_same(candidate: Candidate, other: Candidate, model: CableModel) -> bool:
@@ -126,15 +128,14 @@ def _split(search: Search, bank: Bank, accepted: list[Candidate], whitener: Whit
     """Put two effects in the place of one that stood for both, where it and any next one explain less."""
     whole = search.fit(accepted, whitener)
     reached = whole.deviance < whole.n_judged + 4.0 * np.sqrt(2.0 * whole.n_judged)
-    for j, old in enumerate(accepted):
-        if not old.named or (reached and search.size(old) < 3):
-            continue
-        without = search.without(whole, j)
+    large = [j for j in _named(accepted) if not reached or search.size(accepted[j]) > 2]
+    after = [gain(search, whole, c, s) for c, s, _ in leading(search, whole, bank, 1, accepted)] if large else []
+    for j in large:
+        old, without = accepted[j], search.without(whole, j)
         others = list(without.effects)
         own = search.score(without, old)
         if not np.isfinite(own.statistic):
             continue
-        after = [gain(search, whole, c, s) for c, s, _ in leading(search, whole, bank, 1, accepted)]
         base = gain(search, without, old, own) + max([0.0, *after])
         slack = 0.5 * search.settings.law_error**2 * own.statistic
         best: tuple[float, list[Candidate]] | None = None

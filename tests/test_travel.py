@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
+from trials import search_of
 
+from cdm_pin.bank import all_candidates
 from cdm_pin.diagnose import diagnose
 from cdm_pin.dynamics import motor_torques
+from cdm_pin.endogenous import follows_noise, without_followers
+from cdm_pin.explanation import explained
 from cdm_pin.model import load_model
 from cdm_pin.recording import Recording
 
@@ -35,6 +40,24 @@ def test_a_law_with_parameters_that_none_has_is_another():
     content = diagnose(model, [run], [unseen]).content
     assert content["verdict"] == "unexplained" and not content["findings"]
     assert content["unexplained"]["location"]["index"] == 2
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.01])
+def test_a_play_does_not_follow_the_noise_of_the_torque_that_tells_it(gap):
+    """Motors alone, and a torque that is three times its noise: the sides that it tells are partly the noise's."""
+    model, run = behind(1, lambda x: gap * np.tanh(x / 0.05))
+    rng, torque = np.random.default_rng(3), run.channels["motor_torque"]
+    slow = lfilter([0.2], [1.0, -0.8], rng.standard_normal((len(torque) + 200, 2)), axis=0)[200:]
+    noisy = torque + torque.std(axis=0) * np.array([0.003, 1.0]) * slow
+    run = Recording(run.time, {"motor_position": run.channels["motor_position"], "motor_torque": noisy}, label="noisy")
+    search = search_of(model, run)
+    fit = search.fit([])
+    plays = [c for c in all_candidates(search.problem, ["backlash"]) if c.place.index == (1,)]
+    play = max(plays, key=lambda c: search.score(fit, c).statistic)
+    score = search.score(fit, play)
+    assert follows_noise(search, fit, play, score) == (gap == 0.0)
+    explanation = explained(search, search.bank(plays), [play])
+    assert len(without_followers(explanation).found) == (gap > 0.0)
 
 
 def test_how_hard_the_ends_of_play_are_is_no_soft_cable():
