@@ -129,6 +129,7 @@ def test_unknown_physics_gets_no_name(tmp_path):
     assert place["index"] == joint or place["kind"] != "joint"
 
 
+@pytest.mark.slow
 def test_what_takes_little_of_a_motor_whose_error_no_sensor_has_gets_no_name(tmp_path):
     """An amplifier with a dead band: offset and gain of that motor describe some of it, and have no name there."""
     effect, content = strange(tmp_path, 155547814008474, "amplifier_dead_band", bits=14)

@@ -65,6 +65,7 @@ def test_a_drift_is_seen_and_noise_is_not():
     assert with_drift(search_of(recording(5, coulomb=0.1))).drift is None
 
 
+@pytest.mark.slow
 def test_a_large_wander_is_no_drift():
     """What dwarfs the noise is a fault, and said to be one."""
     runs = [recording(seed, drift=0.5) for seed in (10, 11)]

@@ -59,6 +59,7 @@ def test_the_best_edges_are_the_best_of_all():
     assert score > 0.99 * max(tried)
 
 
+@pytest.mark.slow
 def test_a_long_push_beside_a_zero_that_walks_is_one_push():
     """Neither a drift nor slow noise, as which all but its edges could pass."""
     runs = [recording(1, push(0.8, 20.3, 29.1), walk=0.02), recording(2, walk=0.02)]

@@ -109,6 +109,7 @@ def test_noise_smooths_the_stairs_of_a_torque(share):
     assert 0.5 * stairs[0] < np.sqrt(2.0) * np.std(off) < 1.1 * stairs[0]
 
 
+@pytest.mark.slow
 def test_laws_that_hold_elsewhere_stand_for_a_correction(tmp_path):
     """A function of a joint's speed is a little likelier than bearing friction and drag where these were learned."""
     model, runs, unseen, _ = loaded_trial(tmp_path, 102735320660512, effects=2, at_least=50.0, bits=14)
@@ -194,6 +195,7 @@ def test_no_constant_is_an_error_of_a_law(tmp_path):
     assert {f["effect"] for f in content["findings"]} == {"asymmetric_friction", "encoder_offset"}
 
 
+@pytest.mark.slow
 def test_shapes_that_only_unseen_recordings_tell_well_are_no_fault(tmp_path):
     """A peak of friction at speeds that the training hardly has."""
     model, runs, unseen, _ = loaded_trial(tmp_path, 264741712892203, effects=1, at_least=50.0, bits=14)
@@ -529,6 +531,7 @@ def test_no_law_that_needs_absurd_masses(tmp_path):
     assert content["unexplained"]["location"] == {"kind": "joint", "index": 1}
 
 
+@pytest.mark.slow
 def test_masses_a_little_off_stretch_cables(tmp_path):
     """The travel of a soft cable shows the error of the masses; no eccentric pulley is found in it."""
     model, runs, unseen, _ = loaded_trial(tmp_path, 254637549274179, effects=1)

@@ -274,6 +274,7 @@ def test_dry_friction_that_gives_before_it_slides_is_one_finding(tmp_path, dista
     assert finding["parameters"]["coulomb"]["value"] == pytest.approx(0.4, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_stated_payload_is_no_discovery(tmp_path):
     """Recordings with and without a stated payload of half a link's mass: nothing is missing."""
     model, runs, unseen, _ = loaded_trial(tmp_path, 5, effects=0, n_recordings=2, **CAPSTAN)
