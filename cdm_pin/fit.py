@@ -152,14 +152,9 @@ def least_squares(A: Vector, b: Vector, size: Vector | None = None) -> tuple[Vec
     scale = np.where(own > least, own, np.inf)
     if not len(A) or not np.isfinite(scale).any():
         return np.zeros(len(A)), np.zeros((len(b), 0)), np.zeros((len(A), 0))
-    A = A / scale[:, None]
-    squares, V = np.linalg.eigh(A @ A.T)
-    keep = squares > 1e-12 * squares[-1]
-    inverse = V[:, keep] / np.sqrt(squares[keep])
-    U = A.T @ inverse
-    squares, V = np.linalg.eigh(U.T @ U)  # once more: rounding left those that bring little not orthogonal
-    again = (V / np.sqrt(squares)) @ V.T
-    U, inverse = U @ again, (inverse @ again) / scale[:, None]
+    U, s, Vt = np.linalg.svd((A / scale[:, None]).T, full_matrices=False)
+    keep = s > 1e-6 * s[0]
+    U, inverse = U[:, keep], (Vt[keep].T / s[keep]) / scale[:, None]
     return inverse @ (U.T @ b), U, inverse
 
 
