@@ -327,12 +327,10 @@ def shares_motor(a: Candidate, other: Candidate, model: CableModel) -> bool:
     """Whether an effect acts along a coordinate that meets another's, or on a cable whose motor the other moves."""
     if a.place.A:
         return a.meets(other)
-    cable, its = a.place.index[:1], other.place.index[:1]
-    return (
-        cable == its != ()
-        if not other.place.A
-        else bool(np.any(np.abs(other.place.weights(model)[list(cable)]) > 1e-9))
-    )
+    motor = list(a.place.index[:1])
+    if other.place.A:
+        return bool(np.any(np.abs(other.place.weights(model)[motor]) > 1e-9))
+    return bool(motor) and motor == list(other.place.index[:1])
 
 
 def coupled_alike(model: CableModel, candidate: Candidate) -> list[dict[str, Any]]:

@@ -18,11 +18,10 @@ from .verdict import Verdict
 
 
 def stated_laws(verdict: Verdict) -> tuple[dict[str, Any], ...]:
-    """Say the findings of a verdict as model files do; where nearly every axis rubs, also those not sure of a name."""
-    written = verdict.fitted if verdict.everywhere else {**verdict.stated, **verdict.contacts}
+    """Say what the completed model of a verdict has as model files do."""
     return tuple(
         record
-        for j, values in written.items()
+        for j, values in verdict.written.items()
         for record in law_records(verdict.model, verdict.fit.effects[j], values, verdict.fit.beta[j])
     )
 

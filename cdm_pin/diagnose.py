@@ -138,8 +138,10 @@ def diagnose(
     if seen is not None and seen.resting & free:
         seen = seen.judged_without(seen.resting - free)
     soft = _swinging(Search(problem, base, settings), seen, first, progress)
-    again = without_followers(soft)
-    first, soft = (again if soft is first else without_followers(first)), again
+    if soft is first:
+        first = soft = without_followers(first)
+    else:
+        first, soft = without_followers(first), without_followers(soft)
     judge, explanation = validated(seen, soft)
     if explanation.search.problem.swings:
         first = soft

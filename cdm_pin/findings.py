@@ -408,26 +408,20 @@ def unsized(explanation: Explanation) -> list[int]:
 
     Nor is one that is no such law as it was found, or a loud one whose parameters no such law has.
     """
-    fit, out = explanation.fit, odd(explanation)
-    for j, (values, spread) in _fitted(explanation).items():
-        if not (is_known(values, fit.effects[j], fit.beta[j], spread) and is_lawful(fit, j)):
-            out.append(j)
-    return sorted(set(out))
-
-
-def odd(explanation: Explanation) -> list[int]:
-    """List the loud findings with a name whose parameters no such law has."""
-    effects, found = explanation.fit.effects, explanation.found
-    fitted = {j: values for j, (values, _) in _fitted(explanation).items() if is_loud(found[j].score)}
-    return [j for j, values in fitted.items() if not is_admissible(effects[j].effect, values)]
-
-
-def _fitted(explanation: Explanation) -> dict[int, tuple[dict[str, dict[str, Any]], Vector]]:
-    """Give the parameters of the findings with a name, and the covariance of their coefficients and shapes."""
-    fit = explanation.fit
+    fit, out = explanation.fit, []
     covariance, where = joint_covariance(explanation.search, fit)
-    spreads = {j: covariance[np.ix_(where[j], where[j])] for j, c in enumerate(fit.effects) if c.named}
-    return {j: (parameters(fit.effects[j], fit.beta[j], spread), spread) for j, spread in spreads.items()}
+    for j, found in enumerate(explanation.found):
+        candidate, spread = found.candidate, covariance[np.ix_(where[j], where[j])]
+        values = parameters(candidate, fit.beta[j], spread)
+        sized = is_known(values, candidate, fit.beta[j], spread) and is_lawful(fit, j)
+        if candidate.named and (is_odd(found, values) or not sized):
+            out.append(j)
+    return out
+
+
+def is_odd(found: Found, values: dict[str, dict[str, Any]]) -> bool:
+    """Whether a finding is loud and has parameters that no such law has."""
+    return is_loud(found.score) and not is_admissible(found.candidate.effect, values)
 
 
 def is_lawful(fit: Fit, j: int) -> bool:
@@ -496,14 +490,14 @@ def is_above_steps(search: Search, candidate: Candidate, values: dict[str, dict[
     """
     if candidate.effect.name in MAPS and search.problem.kinematic:
         beta = candidate.effect.coefficients({name: v["value"] for name, v in values.items()})[0]
-        return _travel(search, candidate, beta) > ROUNDS * search.problem.steps_at(candidate.place.index[-1])
+        return largest_travel(search, candidate, beta) > ROUNDS * search.problem.steps_at(candidate.place.index[-1])
     if not _looks_rounded(search, candidate):
         return True
     size = values[candidate.effect.size.name]
     return abs(size["value"]) > 0.5 * search.problem.steps_at(candidate.place.index[0]) + 3 * size["std"]
 
 
-def _travel(search: Search, candidate: Candidate, beta: Vector) -> float:
+def largest_travel(search: Search, candidate: Candidate, beta: Vector) -> float:
     """Give the largest travel between encoders (rms) that the first coefficients of an effect make."""
     travel = brought(search, candidate, beta)
     return float(rms(search, travel)[-search.problem.model.n_motors :].max())
@@ -770,7 +764,7 @@ def _rounded(search: Search, candidate: Candidate) -> float:
     if name == "time_delay":
         return PROMPT
     if name in MAPS and problem.kinematic:
-        travel = _travel(search, candidate, np.ones(1))
+        travel = largest_travel(search, candidate, np.ones(1))
         return ROUNDS * problem.steps_at(candidate.place.index[-1]) / max(travel, 1e-300)
     return 0.5 * problem.steps_at(candidate.place.index[0]) if _looks_rounded(search, candidate) else 0.0
 

@@ -23,7 +23,7 @@ SHORT = 128
 AT_REST, FEW = 1.5, 10
 """How many times their error in motion motors err along an axis at rest, from which on it holds; of so many samples."""
 MORE = 1.2
-"""How many times the squared error of an axis two motors have at rest that hold each other, along none of all axes."""
+"""How many times the squared error along the axis that errs most at rest two motors have there that hold each other."""
 SUPPORT = 12.0
 """Degrees of freedom by which noise beside smooth functions is known at least; with fewer they are left out."""
 OWN = 0.02

@@ -99,9 +99,9 @@ def axis_places(model: CableModel) -> list[Place]:
     return joint_places(model) + motor_places(model)
 
 
-def axis_place(model: CableModel, location: Mapping[str, Any]) -> Place:
-    """Give the joint or motor of a location."""
-    return next(place for place in axis_places(model) if place.location == location)
+def rub_place(model: CableModel, location: Mapping[str, Any]) -> Place:
+    """Give the joint, motor or cable on guides of a location."""
+    return next(place for place in rub_places(model) if place.location == location)
 
 
 def bearing_places(model: CableModel) -> list[Place]:

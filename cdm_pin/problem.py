@@ -22,7 +22,7 @@ from .regressor import motor_regressor
 from .sensor_noise import SensorNoise, inertia_limit, inertia_noise, motion_limit, position_noise, speeds, travel_noise
 from .signals import Signals, decimated, prepare, read_grid
 from .signals_filters import differentiate, lowpass
-from .standstill import judged, resting_axes
+from .standstill import Still, judged, resting_axes, standing
 from .whitening import Lines, Segments, Stretches
 
 MARGIN = 1.5
@@ -165,11 +165,18 @@ class Problem:
         further = np.ones((self.n_channels - len(run.judged), run.judged.shape[1]), bool)
         return Stretches(bounds, np.concatenate([run.judged, further]))
 
+    @cached_property
+    def still(self) -> list[list[Still]]:
+        """Per run, when each coordinate along which friction may hold stands still (`standing`)."""
+        return [standing(run.motion, run.signals.valid, self.band.rate) for run in self.runs]
+
     def judged_without(self, axes: frozenset[int]) -> Problem:
         """Give the same problem with all samples judged but those at which some axes rest."""
+        if not self.torque:
+            return replace(self, resting=axes)
         runs = [
-            replace(run, judged=judged(run.motion, run.signals.valid, self.band, axes) if self.torque else None)
-            for run in self.runs
+            replace(run, judged=judged(still, run.signals.valid, self.band, axes))
+            for run, still in zip(self.runs, self.still, strict=True)
         ]
         return replace(self, runs=tuple(runs), resting=axes)
 
@@ -381,13 +388,13 @@ def make_problem(
         thin = _thinned(band)
         runs = [_run(model, s, band, torque, kinematic, i) for i, s in enumerate(ready, first)]
         runs = [_without_means(_thinned_run(run, thin), thin) for run in runs]
-        axes = resting
-        if torque:
-            axes = axes.union(*(resting_axes(run.motion, run.signals.valid, thin.rate) for run in runs))
-            runs = [replace(run, judged=judged(run.motion, run.signals.valid, thin, axes)) for run in runs]
         sensors = SensorNoise(model, tuple(ready), band)
         runs = tuple(run.with_model(model) for run in runs)
-        return Problem(model, runs, thin, torque, kinematic, sensors, resting=axes)
+        own = Problem(model, runs, thin, torque, kinematic, sensors)
+        axes = [resting]
+        if torque:
+            axes += [resting_axes(still, run.signals.valid) for still, run in zip(own.still, runs, strict=True)]
+        return own.judged_without(frozenset().union(*axes))
 
     known = _heard(model, signals, chosen) if torque else np.inf
     problem = made(replace(chosen, slow=known))

@@ -5,7 +5,8 @@ What nobody can predict is not judged: samples of those motors do not count, for
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
@@ -28,6 +29,21 @@ LEAST = 0.05
 """Share of its samples that a motor keeps, or all are judged."""
 FELT = 0.05
 """Share of an axis's friction from which on a motor feels it."""
+
+
+@dataclass(frozen=True)
+class Still:
+    """When a coordinate stands still.
+
+    Attributes
+    ----------
+    felt : ndarray, shape (n_motors,)
+        How much of its friction each motor feels.
+    when : ndarray of bool, shape (n,)
+    """
+
+    felt: Vector
+    when: np.ndarray
 
 
 def rests(position: Vector, valid: np.ndarray, rate: float, error: float) -> np.ndarray:
@@ -56,26 +72,26 @@ def rests(position: Vector, valid: np.ndarray, rate: float, error: float) -> np.
     return maximum_filter1d(span <= np.clip(ERRORS * error, CREEPS * usual, BLURRED * usual), size) & valid
 
 
-def resting_axes(motion: Motion, valid: np.ndarray, rate: float) -> frozenset[int]:
-    """Tell which coordinates (`standing_places`) rest now and then.
+def resting_axes(still: Sequence[Still], valid: np.ndarray) -> frozenset[int]:
+    """Tell which coordinates rest now and then.
 
     Parameters
     ----------
-    motion : Motion
+    still : sequence of Still
+        Of a recording (`standing`).
     valid : ndarray of bool, shape (n,)
-    rate : float
-        [Hz].
     """
-    share = {k: np.mean(still[valid]) for k, _, still in standing(motion, valid, rate)}
-    return frozenset(k for k, x in share.items() if OFTEN < x < MOSTLY)
+    shares = [np.mean(own.when[valid]) for own in still]
+    return frozenset(k for k, x in enumerate(shares) if OFTEN < x < MOSTLY)
 
 
-def judged(motion: Motion, valid: np.ndarray, band: Band, axes: frozenset[int]) -> np.ndarray | None:
+def judged(still: Sequence[Still], valid: np.ndarray, band: Band, axes: frozenset[int]) -> np.ndarray | None:
     """Tell by which samples in the band each motor's torque is judged.
 
     Parameters
     ----------
-    motion : Motion
+    still : sequence of Still
+        Of a recording (`standing`).
     valid : ndarray of bool, shape (n,)
     band : Band
         Of the rate of the motion.
@@ -89,10 +105,11 @@ def judged(motion: Motion, valid: np.ndarray, band: Band, axes: frozenset[int]) 
     """
     if not axes:
         return None
-    resting = np.zeros((motion.model.n_motors, len(motion.time)), bool)
-    for k, weights, still in standing(motion, valid, band.rate):
-        if k in axes and np.mean(still[valid]) < MOSTLY:
-            resting[weights > FELT * weights.max()] |= still
+    resting = np.zeros((len(still[0].felt), len(valid)), bool)
+    for k in axes:
+        own = still[k]
+        if np.mean(own.when[valid]) < MOSTLY:
+            resting[own.felt > FELT * own.felt.max()] |= own.when
     if not resting.any():
         return None
     live = np.logical_not(maximum_filter1d(resting, reach(band), axis=1))
@@ -111,15 +128,25 @@ def standing_places(model: CableModel) -> list[Place]:
     return rub_places(model) + pair_places(model)
 
 
-def standing(motion: Motion, valid: np.ndarray, rate: float) -> Iterator[tuple[int, Vector, np.ndarray]]:
-    """Give the number of every coordinate, how much of its friction each motor feels, and when it stands still.
+def standing(motion: Motion, valid: np.ndarray, rate: float) -> list[Still]:
+    """Tell when each coordinate (`standing_places`) stands still.
 
     What two motors have in common does so where both do, as nobody knows at which ratio.
+
+    Parameters
+    ----------
+    motion : Motion
+    valid : ndarray of bool, shape (n,)
+    rate : float
+        [Hz].
     """
-    for k, place in enumerate(standing_places(motion.model)):
-        parts = np.diag(place.B)[np.array(place.B) != 0.0] if place.is_pair else np.array(place.B)[None]
-        still = np.ones(len(motion.time), bool)
-        for B in parts:
-            error = motion.position_error(np.array(place.A), B)
-            still &= rests(motion.q @ np.array(place.A) + motion.q_m @ B, valid, rate, error)
-        yield k, np.abs(place.weights(motion.model)), still
+    model = motion.model
+
+    def when(A: Vector, B: Vector) -> np.ndarray:
+        return rests(motion.q @ A + motion.q_m @ B, valid, rate, motion.position_error(A, B))
+
+    alone = [when(np.array(place.A), np.array(place.B)) for place in rub_places(model)]
+    motors = [when(np.zeros(model.n_joints), own) for own in np.eye(model.n_motors)]
+    both = [motors[i] & motors[k] for i, k in (place.index for place in pair_places(model))]
+    places = standing_places(model)
+    return [Still(np.abs(p.weights(model)), own) for p, own in zip(places, [*alone, *both], strict=True)]

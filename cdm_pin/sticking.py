@@ -12,10 +12,11 @@ from .fit import Fit
 from .geometry import Vector
 from .places import parallel, rub_places
 from .problem import Problem
-from .search import Search, raw_errors, rms
-from .standstill import reach, standing
+from .search import Search, brought, raw_errors, rms
+from .standstill import Still, reach
 from .unexplained import something
 from .whitening import inside
+from .wording import place
 
 HARDER, PEAKED, CLEAR = 1.3, 1.1, 2.0
 """How many times its friction in motion, that with its peak where it has one, and how many times the noise beside that,
@@ -33,10 +34,6 @@ def sticking(search: Search, fit: Fit) -> dict[str, Any] | None:
         return None
     model, errors = search.problem.model, raw_errors(search, fit.base, fit.effects, fit.beta)
     noise, places = rms(search, errors)[: model.n_motors], rub_places(model)
-    still = [
-        [x for k, _, x in standing(run.motion, run.signals.valid, search.problem.band.rate) if k < len(places)]
-        for run in search.problem.runs
-    ]
     worst: tuple[float, dict[str, Any] | None] = (1.0, None)
     for k in range(len(places)):
         weights = places[k].weights(model)
@@ -46,7 +43,7 @@ def sticking(search: Search, fit: Fit) -> dict[str, Any] | None:
         unit, held = weights / np.linalg.norm(weights), []
         for r, (error, segments) in enumerate(zip(errors, search.problem.segments, strict=True)):
             law = sum(np.tensordot(fit.beta[j], search.columns(fit.effects[j])[r], 1) for j in laws)
-            alone = _alone_at_rest(search.problem, still[r], k)
+            alone = _alone_at_rest(search.problem, search.problem.still[r], k)
             held.append((unit @ (error + law)[: len(unit)])[alone & inside(segments, len(alone))])
         force = np.abs(np.concatenate(held))
         if len(force) < FEW:
@@ -54,11 +51,12 @@ def sticking(search: Search, fit: Fit) -> dict[str, Any] | None:
         least = sum(_most_held(search, fit, j, unit) for j in laws) + CLEAR * float(np.linalg.norm(unit * noise))
         most = float(np.quantile(force, LESS))
         if most > worst[0] * least:
-            place = places[k].location
-            words = f"{place['kind']} {place['index']} holds more while it rests than it loses to friction in motion"
+            location = places[k].location
+            words = f"{place(location)} holds more while it rests than it loses to friction in motion"
             size = float(np.sqrt(np.mean(force**2)))
             near = [{"effect": fit.effects[j].name, "location": fit.effects[j].location} for j in laws]
-            worst = most / least, something(place["kind"], place["index"], words, size, nearest=near[:3])
+            held_there = something(location["kind"], location["index"], words, size, nearest=near[:3])
+            worst = most / least, held_there | {"location": location}
     return worst[1]
 
 
@@ -66,22 +64,21 @@ def _most_held(search: Search, fit: Fit, j: int, unit: Vector) -> float:
     """Give the most that law `j` of a fit may hold along a direction of motors."""
     peaks = fit.effects[j].effect.name == "stribeck_friction" and fit.beta[j][0] > 0.0
     k = 1 if peaks else len(fit.effects[j].effect.signs)  # without what details the sign of a velocity
-    columns = search.columns(fit.effects[j])
-    torques = [unit @ np.tensordot(fit.beta[j][:k], x[:k], 1)[: len(unit)] for x in columns]
+    torques = [unit @ x[: len(unit)] for x in brought(search, fit.effects[j], fit.beta[j][:k])]
     most = max(float(np.abs(x).max(initial=0.0)) for x in torques)
     return PEAKED * most * (1.0 + max(float(fit.beta[j][1] / fit.beta[j][0]), 0.0)) if peaks else HARDER * most
 
 
-def _alone_at_rest(problem: Problem, still: Sequence[np.ndarray], axis: int) -> np.ndarray:
+def _alone_at_rest(problem: Problem, still: Sequence[Still], axis: int) -> np.ndarray:
     """Tell in which samples of the band an axis rests, and none that turns otherwise does, shape (n_reduced,).
 
     Of the axes that share a motor with it; `still` tells when each one rests.
     """
     weights = [place.weights(problem.model) for place in rub_places(problem.model)]
-    own, others = np.zeros((2, len(still[axis])), bool)
-    for w, rests in zip(weights, still, strict=True):
+    own, others = np.zeros((2, len(still[axis].when)), bool)
+    for w, rests in zip(weights, still, strict=False):
         if parallel(w, weights[axis]):
-            own |= rests
+            own |= rests.when
         elif np.any((w != 0.0) & (weights[axis] != 0.0)):
-            others |= rests
+            others |= rests.when
     return (minimum_filter1d(own, reach(problem.band)) & ~others)[:: problem.band.step]

@@ -18,7 +18,7 @@ from .fit import Fit
 from .geometry import Vector
 from .model import CableModel
 from .parts import Part
-from .places import axis_place, parallel
+from .places import parallel, rub_place
 from .search import Search, brought, rms
 from .significance import is_loud
 from .sticking import sticking
@@ -83,7 +83,7 @@ class Verdict:
     unexplained : dict or None
         What is there that has no name, as the format says it.
     contacts : dict
-        Parameters of what belongs to a finding and is not listed beside it.
+        What belongs to a finding and is not listed beside it, and to which, by their numbers.
     """
 
     model: CableModel
@@ -95,7 +95,7 @@ class Verdict:
     fitted: Mapping[int, Values]
     stated: Mapping[int, Values]
     unexplained: dict[str, Any] | None = None
-    contacts: Mapping[int, Values] = field(default_factory=dict)
+    contacts: Mapping[int, int] = field(default_factory=dict)
 
     @property
     def search(self) -> Search:
@@ -121,6 +121,13 @@ class Verdict:
     def said(self) -> str:
         """The word for it."""
         return "unexplained" if self.unexplained else ("missing_physics" if self.stated else "consistent")
+
+    @property
+    def written(self) -> Mapping[int, Values]:
+        """Parameters of what the completed model has; where nearly every axis rubs, also of what has no sure name."""
+        if self.everywhere:
+            return self.fitted
+        return {**self.stated, **{j: self.fitted[j] for j, other in self.contacts.items() if other in self.stated}}
 
     def spread(self, j: int) -> Vector:
         """Covariance of the coefficients and the shape of finding `j`."""
@@ -263,7 +270,8 @@ def _unsized(verdict: Verdict) -> Verdict:
 
 def _odd(verdict: Verdict) -> Verdict:
     """Whether something loud was found with parameters that no such law has: it is another, and spoils what is near."""
-    found, odd = verdict.explanation.found, fi.odd(verdict.explanation)
+    found = verdict.explanation.found
+    odd = [j for j, values in verdict.fitted.items() if fi.is_odd(found[j], values)]
     unexplained = of_no_size(verdict.explanation, odd, "by a law like one that is known, with parameters that none has")
     if unexplained is None:
         return verdict
@@ -279,20 +287,16 @@ def _odd(verdict: Verdict) -> Verdict:
 
 def _contact(verdict: Verdict) -> Verdict:
     """List no soft cable that gives next to nothing beside its play: that is how hard the play's ends are."""
-    search, fit = verdict.search, verdict.fit
-    gaps = {
-        c.place.index: beta[0] for c, beta in zip(fit.effects, fit.beta, strict=True) if c.effect.name == "backlash"
+    search, effects, beta = verdict.search, verdict.fit.effects, verdict.fit.beta
+    plays = {effects[j].place.index: j for j in verdict.stated if effects[j].effect.name == "backlash"}
+    soft = [j for j in verdict.stated if effects[j].effect.name == "cable_elasticity"]
+    pairs = {j: plays[effects[j].place.index] for j in soft if effects[j].place.index in plays}
+    contacts = {
+        j: play
+        for j, play in pairs.items()
+        if fi.largest_travel(search, effects[j], beta[j]) <= CONTACT * beta[play][0]
     }
-
-    def stands(j: int) -> bool:
-        candidate = fit.effects[j]
-        if candidate.effect.name != "cable_elasticity" or candidate.place.index not in gaps:
-            return True
-        gives = rms(search, brought(search, candidate, fit.beta[j]))[-verdict.model.n_motors :]
-        return bool(np.max(gives) > CONTACT * gaps[candidate.place.index])
-
-    kept = verdict.keeping(stands)
-    return replace(kept, contacts={j: v for j, v in verdict.stated.items() if j not in kept.stated})
+    return replace(verdict, contacts=contacts).keeping(lambda j: j not in contacts)
 
 
 def _loud(verdict: Verdict) -> Verdict:
@@ -349,7 +353,7 @@ def _sticking(verdict: Verdict) -> Verdict:
     if unexplained is None:
         return verdict
     verdict, found = replace(verdict, unexplained=unexplained), verdict.explanation.found
-    axis = axis_place(verdict.model, unexplained["location"]).weights(verdict.model)
+    axis = rub_place(verdict.model, unexplained["location"]).weights(verdict.model)
 
     def stands(j: int) -> bool:
         place = found[j].candidate.place

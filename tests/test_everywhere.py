@@ -157,7 +157,7 @@ def test_what_harms_on_the_unseen_recording_is_withdrawn(model):
     judge = Search(make_problem(model, [run(model, 4, other)], band), search.base, Settings(), search.held)
     names = ("viscous_friction", "coulomb_friction", "torque_offset")
     effects = [c for c in search.common if c.effect.name in names]
-    kept = {(c.key[0], c.location.get("index")) for c in confirmed(search, judge, effects, np.ones(3))}
+    kept = {(c.key[0], c.location["index"]) for c in confirmed(search, judge, effects, np.ones(3))}
     assert {("coulomb_friction", 1), ("coulomb_friction", 2)} <= kept
     assert ("coulomb_friction", 7) not in kept
 

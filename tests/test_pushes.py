@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from trials import search_of
+from trials import search_of, two_tones
 
 from cdm_pin.candidates import Candidate
 from cdm_pin.diagnose import diagnose
@@ -25,10 +25,7 @@ def recording(seed, on_joints=None, crosstalk=0.0, walk=0.0, on_motors=None, arm
     """One minute of three links: white noise of 0.01 N m, slow noise at motor 1, motor 3 sees some of motor 1."""
     rng = np.random.default_rng(seed)
     w, phase = np.array([1.1, 1.7, 2.3]), rng.uniform(0, 6, (2, 3))
-    angles = [k * w * T[:, None] + p for k, p in zip((1, 2.3), phase, strict=True)]
-    q = 0.5 * sum(np.sin(x) for x in angles)
-    v = 0.5 * sum(k * w * np.cos(x) for k, x in zip((1, 2.3), angles, strict=True))
-    a = -0.5 * sum((k * w) ** 2 * np.sin(x) for k, x in zip((1, 2.3), angles, strict=True))
+    q, v, a = two_tones(T, w, phase)
     torque = motor_torques(arm, q, v, a)
     if on_motors is not None:
         torque += on_motors(torque, v @ arm.motor_from_joint.T, a @ arm.motor_from_joint.T)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from trials import search_of
+from trials import search_of, two_tones
 
 from cdm_pin.bank import all_candidates
 from cdm_pin.diagnose import diagnose
@@ -22,10 +22,7 @@ def behind(seed, travel, duration=40.0):
     t = np.arange(0.0, duration, 0.005)
     rng = np.random.default_rng(seed)
     w, phase = np.array([1.3, 1.9]), rng.uniform(0, 6, (2, 2))
-    angles = [k * w * t[:, None] + p for k, p in zip((1, 2.3), phase, strict=True)]
-    q = 0.5 * sum(np.sin(x) for x in angles)
-    v = 0.5 * sum(k * w * np.cos(x) for k, x in zip((1, 2.3), angles, strict=True))
-    a = -0.5 * sum((k * w) ** 2 * np.sin(x) for k, x in zip((1, 2.3), angles, strict=True))
+    q, v, a = two_tones(t, w, phase)
     torque, ahead = motor_torques(model, q, v, a), np.zeros_like(q)
     ahead[:, 1] = travel(torque[:, 1] / torque[:, 1].std()) / model.arm_scale[1]
     noise = [x * rng.standard_normal(q.shape) for x in (1e-5, 1e-5, 0.003 * torque.std(axis=0))]

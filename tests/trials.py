@@ -37,6 +37,15 @@ def with_torque(run, torque):
     return Recording(run.time, run.channels | {"motor_torque": torque}, label=run.label)
 
 
+def two_tones(t, w, phase):
+    """Move each joint at a frequency of its own [rad/s] and at 2.3 times that; give positions, rates, accelerations."""
+    angles = [k * w * t[:, None] + p for k, p in zip((1, 2.3), phase, strict=True)]
+    q = 0.5 * sum(np.sin(x) for x in angles)
+    v = 0.5 * sum(k * w * np.cos(x) for k, x in zip((1, 2.3), angles, strict=True))
+    a = -0.5 * sum((k * w) ** 2 * np.sin(x) for k, x in zip((1, 2.3), angles, strict=True))
+    return q, v, a
+
+
 def search_of(model, recording, band=None):
     """Give the search on one recording."""
     base = base_parameters(model, columns=massive_columns(model))
