@@ -158,13 +158,19 @@ class WhiteBank:
         """
         if fit.weights is None or fit.body is not self.body:
             return self.W @ fit.Q, self.W @ fit.residual
-        parts = [np.zeros((len(self.W), 0))]
-        for candidate, free in zip(fit.effects, fit.free, strict=True):
-            if candidate.identity not in self.met:
-                self.met[candidate.identity] = self.W @ free.T
-            parts.append(self.met[candidate.identity])
+        self.meet([fit])
+        parts = [np.zeros((len(self.W), 0)), *[self.met[candidate.identity] for candidate in fit.effects]]
         inside = np.concatenate(parts, axis=1) @ fit.weights
         return inside, self.own - inside @ (fit.Q.T @ self.body.residual)
+
+    def meet(self, fits: Sequence[Fit]) -> None:
+        """Compute the inner products with all effects of some fits that are not known yet, at once: that is quicker."""
+        own = {c.identity: free for fit in fits for c, free in zip(fit.effects, fit.free, strict=True)}
+        new = {identity: free for identity, free in own.items() if identity not in self.met}
+        if new:
+            ends = np.cumsum([len(free) for free in new.values()])[:-1]
+            products = np.split(self.W @ np.concatenate([*new.values()]).T, ends, axis=1)
+            self.met.update(zip(new, products, strict=True))
 
 
 def whitened(bank: Bank, whitener: Whitener, segments: Sequence[Segments], body: Body) -> WhiteBank:

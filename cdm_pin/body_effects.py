@@ -13,6 +13,9 @@ from .geometry import Vector
 from .model import CableModel
 from .motion import Motion
 
+TURNS = 2.0
+"""Turns of a motor beyond which its ripple is known to repeat with each."""
+
 
 def spring_columns(motion: Motion, place: Place, shape: Shape) -> Columns:
     """Columns of a spring about its rest: s, -1, and where it stiffens s^2, s^3."""
@@ -41,15 +44,19 @@ def ripple_columns(motion: Motion, place: Place, shape: Shape) -> Columns:
 
 
 def ripple_grid(motions: Sequence[Motion], place: Place) -> list[Shape]:
-    """Screen cycles per turn, as closely as the range of the motor tells them apart."""
+    """Screen cycles per turn, as closely as the range of the motor tells them apart; of many turns whole numbers alone.
+
+    What differs from turn to turn is no ripple of the motor.
+    """
     span = max(float(np.ptp(m.q_m[:, place.index[0]])) for m in motions)
     fastest = max(float(np.quantile(np.abs(m.v_m[:, place.index[0]]), 0.7)) for m in motions)
     rate = motions[0].rate
     if span < 0.05 or fastest <= 0:
         return []
-    step = 1.2 / span
     highest = min(2 * np.pi * 0.1 * rate / fastest, 60.0)
-    return [(float(c),) for c in np.arange(max(1.9, 2.5 * 2 * np.pi / span / 2), highest, step)]
+    lowest = max(1.9, 2.5 * 2 * np.pi / span / 2)
+    cycles = np.arange(2.0, highest) if span > TURNS * 2 * np.pi else np.arange(lowest, highest, 1.2 / span)
+    return [(float(c),) for c in cycles]
 
 
 def rotor_columns(motion: Motion, place: Place, shape: Shape) -> Columns:

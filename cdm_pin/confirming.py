@@ -11,10 +11,10 @@ from .explanation import Explanation
 from .fit import Fit
 from .geometry import Vector
 from .likelihood import likelihood
-from .search import Search, errors, rms
+from .search import Search, errors, foretold, rms
 from .significance import is_loud
 from .unexplained import noise_floor
-from .unseen import deviance_unseen, stacked, updated
+from .unseen import deviance_unseen, updated
 
 ONCE = ("external_torque", "unnamed_time", "unnamed_wear", "unnamed_stiffening", "unnamed_gain_drift", "unnamed_tone")
 """What happens at a time of its own: another recording cannot judge it."""
@@ -81,7 +81,7 @@ def asked_of(due: float, gain: float, named: bool = True) -> float:
 def change_unseen(judge: Search, explanation: Explanation, j: int) -> float:
     """Give the whitened sum of squares of what finding `j` changes on the unseen recordings."""
     fit, without = explanation.fit, explanation.search.without(explanation.fit, j)
-    change = [a - b for a, b in zip(stacked(judge, fit), stacked(judge, without), strict=True)]
+    change = [(a - b)[None] for a, b in zip(foretold(judge, fit), foretold(judge, without), strict=True)]
     return updated(judge, without, change)[0]
 
 

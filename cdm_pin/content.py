@@ -19,7 +19,7 @@ from .next_experiment import Experiment
 from .parts import parts_of, reduction_apart
 from .problem import Problem
 from .regions import region
-from .search import Search, errors, rms
+from .search import Search, errors, foretold, rms
 from .unexplained import noise_floor
 from .units import motor_units, unit_at
 from .verdict import Verdict
@@ -101,7 +101,7 @@ def unresolved(verdict: Verdict, findings: Sequence[dict[str, Any]]) -> list[tup
 
 def _fit_content(search: Search, rigid: Fit, fit: Fit, judged: Search) -> dict[str, Any]:
     m = search.problem.model.n_motors
-    rest = errors(judged, fit.base, fit.effects, fit.beta)
+    rest = foretold(judged, fit)
     left = still(judged, rest)
     drift = [a - b for a, b in zip(rest, left, strict=True)]  # noise, too, where zeros were seen to drift
     sizes = {
@@ -147,7 +147,7 @@ def _finding(
         delta_bic = 2 * swing_gain(search, fit, without)
     elsewhere = None if swinging or judge is not None else reduction_apart(parts_of(search), fit, without)
     if judge is not None and there is not None:
-        rests = [errors(s, f.base, f.effects, f.beta) for s, f in ((judge, fit), (there, without))]
+        rests = [foretold(s, f) for s, f in ((judge, fit), (there, without))]
         level = np.maximum(rms(judge, rests[0]), 1e-12)
         after, before = (in_noise(judge, rest, level) for rest in rests)
         reduction = 1 - float(np.sqrt(after / before))

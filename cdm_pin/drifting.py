@@ -24,7 +24,7 @@ from .fit import Fit
 from .geometry import Vector
 from .leftover import plain_rest, smooth_columns
 from .recent import kept
-from .search import Search, errors, rms
+from .search import Search, foretold, rms
 
 
 def with_drift(search: Search, effects: Sequence[Candidate] = (), most: int = QUICKER) -> Search:
@@ -120,4 +120,4 @@ def still(search: Search, errors: Sequence[Vector]) -> list[Vector]:
 
 def still_errors(search: Search, fit: Fit) -> list[Vector]:
     """Compute what a fit leaves of a search's recordings, drifts aside."""
-    return still(search, errors(search, fit.base, fit.effects, fit.beta))
+    return still(search, foretold(search, fit))

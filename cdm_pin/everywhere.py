@@ -19,7 +19,7 @@ from .effect import Place
 from .effects import CATALOGUE
 from .events import Reporter
 from .explanation import Explanation, Found
-from .fit import Fit
+from .fit import Estimate, Fit
 from .leaders import best_of, leading
 from .leftover import clear_noise
 from .masses import about
@@ -282,7 +282,7 @@ def confirmed(search: Search, judge: Search, effects: list[Candidate], levels: n
     for _ in range(3):
         fit = search.fit(effects)
         unseen = _Unseen.of(judge, fit, levels)
-        left = _Estimate(np.concatenate([fit.base, *fit.beta]), fit.covariance)
+        left = Estimate.of(fit)
         sizes = np.cumsum([search.n_rigid, *[len(b) for b in fit.beta]])
         slots = {j: np.arange(sizes[j], sizes[j + 1]) for j in range(len(effects))}
         kept = list(slots)
@@ -339,29 +339,6 @@ def agreements(judge: Search, fit: Fit) -> list[float]:
         a, b = here @ W, there @ W
         out.append(float(a @ b / max(a @ a, b @ b, 1e-300)))
     return out
-
-
-@dataclass(frozen=True)
-class _Estimate:
-    """Parameters of a fit with their covariance."""
-
-    values: np.ndarray
-    covariance: np.ndarray
-
-    def worth(self, own: np.ndarray) -> float:
-        """By how much the sum of squares rises without these parameters."""
-        return float(self.values[own] @ _inverse(self.covariance, own) @ self.values[own])
-
-    def without(self, own: np.ndarray) -> _Estimate:
-        """Give what the others become where these are zero."""
-        gain = self.covariance[:, own] @ _inverse(self.covariance, own)
-        values = self.values - gain @ self.values[own]
-        values[own] = 0.0
-        return _Estimate(values, self.covariance - gain @ self.covariance[own])
-
-
-def _inverse(covariance: np.ndarray, own: np.ndarray) -> np.ndarray:
-    return np.linalg.pinv(covariance[np.ix_(own, own)], rcond=1e-10, hermitian=True)
 
 
 @dataclass(frozen=True)

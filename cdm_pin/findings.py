@@ -32,7 +32,7 @@ from .search import Search, brought, rms
 from .shapes import refine, shape_slopes
 from .significance import is_loud
 from .units import unit_at
-from .unseen import beside, stacked
+from .unseen import beside, loosened, stacked
 from .whitening import log_p
 
 Location = dict[str, Any]
@@ -94,19 +94,20 @@ def unseen_step(judge: Search, fit: Fit, seen: Search | None = None) -> tuple[Ve
     return covariance @ (W @ rest), covariance
 
 
-def unseen_shift(judge: Search, fit: Fit, covariance: Vector) -> tuple[Vector, Vector]:
+def unseen_shift(judge: Search, fit: Fit, covariance: Vector, where: Sequence[np.ndarray]) -> tuple[Vector, Vector]:
     """Give by how far apart unseen and training recordings see all parameters, and with what covariance by chance.
 
     That is twice what the unseen ones would change beside the training ones: the difference of the two where either
-    tells as much, and less where unseen recordings alone hardly tell a parameter.
+    tells as much, and less where unseen recordings alone hardly tell a parameter. What laws leave open is `loosened`.
 
     Parameters
     ----------
     judge : Search
     fit : Fit
-    covariance : ndarray
-        Of all parameters by the training recordings (`joint_covariance`).
+    covariance, where : ndarray, sequence of ndarray of int
+        Of all parameters by the training recordings, and where each effect's stand (`joint_covariance`).
     """
+    covariance = loosened(judge, fit, covariance, [int(own[0]) if len(own) else 0 for own in where])
     step, unseen = unseen_step(judge, fit)
     there = np.flatnonzero(np.diag(unseen) > 0.0)
     block = np.ix_(there, there)
@@ -163,7 +164,7 @@ def unsure_peaks(search: Search, judge: Search, fit: Fit, least: float = EVIDENT
     if not peaks or not any(judge.problem.segments):
         return []
     covariance, where = joint_covariance(search, fit)
-    step, chance = unseen_shift(judge, fit, covariance)
+    step, chance = unseen_shift(judge, fit, covariance, where)
     unsure = []
     for j in peaks:
         own, candidate, beta = where[j], fit.effects[j], fit.beta[j]

@@ -99,6 +99,39 @@ class Fit:
         return W - (W @ self.Q) @ self.Q.T
 
 
+@dataclass(frozen=True)
+class Estimate:
+    """Parameters of a fit, those of the rigid body first, with their covariance.
+
+    Attributes
+    ----------
+    values : ndarray, shape (k,)
+    covariance : ndarray, shape (k, k)
+    """
+
+    values: Vector
+    covariance: Vector
+
+    @classmethod
+    def of(cls, fit: Fit) -> Estimate:
+        """Take all parameters of a fit."""
+        return cls(np.concatenate([fit.base, *fit.beta]), fit.covariance)
+
+    def worth(self, own: np.ndarray) -> float:
+        """By how much the sum of squares rises without these parameters."""
+        return float(self.values[own] @ self._inverse(own) @ self.values[own])
+
+    def without(self, own: np.ndarray) -> Estimate:
+        """Give what the others become where these are zero."""
+        gain = self.covariance[:, own] @ self._inverse(own)
+        values = self.values - gain @ self.values[own]
+        values[own] = 0.0
+        return Estimate(values, self.covariance - gain @ self.covariance[own])
+
+    def _inverse(self, own: np.ndarray) -> Vector:
+        return np.asarray(np.linalg.pinv(self.covariance[np.ix_(own, own)], rcond=1e-10, hermitian=True), float)
+
+
 def own_covariance(fit: Fit, j: int) -> Vector:
     """Give the covariance of the coefficients of effect `j` of a fit."""
     start = len(fit.base) + sum(len(beta) for beta in fit.beta[:j])

@@ -139,15 +139,13 @@ def _split(search: Search, bank: Bank, accepted: list[Candidate], whitener: Whit
         base = gain(search, without, old, own) + max([0.0, *after])
         slack = 0.5 * search.settings.law_error**2 * own.statistic
         best: tuple[float, list[Candidate]] | None = None
-        for leader, _, _ in leading(search, without, bank, 4 if reached else 7, others, instead=[old]):
-            if leader.key == old.key:
-                continue
-            if old.detail:
-                leader = leader.detailed(search.problem.motions)
-            first, s = refine(search, without, same_width(leader, old))
-            if not np.isfinite(s.statistic):
-                continue
-            beside = search.fit([*others, first], whitener)
+        leaders = [c for c, _, _ in leading(search, without, bank, 4 if reached else 7, others, instead=[old])]
+        leaders = [c.detailed(search.problem.motions) if old.detail else c for c in leaders if c.key != old.key]
+        firsts = [refine(search, without, same_width(c, old)) for c in leaders]
+        firsts = [(first, s) for first, s in firsts if np.isfinite(s.statistic)]
+        fits = [search.fit([*others, first], whitener) for first, _ in firsts]
+        search.meet(fits, bank.laws)
+        for (first, s), beside in zip(firsts, fits, strict=True):
             second = best_of(search, beside, [c for c, _, _ in leading(search, beside, bank, 3, [*others, first])])
             if second is None or not passes(search, *second, 0.01, beside):
                 continue

@@ -14,7 +14,7 @@ from .base import BaseParameters, updated_model
 from .candidates import Candidate, Identity
 from .drift import Drift
 from .effect import Columns
-from .fit import Body, Fit, fitted, least_squares
+from .fit import Body, Estimate, Fit, fitted, least_squares
 from .geometry import Vector
 from .model import CableModel
 from .motion import Motion
@@ -287,6 +287,11 @@ class Search:
             return known
         return self._scores.keep(self._white_bank(fit.body, fit.whitener, bank).scores(fit, bank), fit, bank)
 
+    def meet(self, fits: Sequence[Fit], bank: Bank) -> None:
+        """Prepare to score every candidate of a bank against some fits in one noise."""
+        if fits and bank.candidates:
+            self._white_bank(fits[0].body, fits[0].whitener, bank).meet(fits)
+
     def _white_bank(self, body: Body, whitener: Whitener, bank: Bank) -> WhiteBank:
         known = self._banks.get(whitener, bank)
         if known is not None:
@@ -312,6 +317,33 @@ def errors(search: Search, base: Vector, effects: Sequence[Candidate], beta: Seq
     """
     raw = raw_errors(search, base, effects, beta)
     return [blanked(e, run) for e, run in zip(raw, search.problem.segments, strict=True)]
+
+
+def left_open(search: Search, fit: Fit) -> list[np.ndarray]:
+    """Tell which coefficients of each effect of a fit say what its law leaves open about the sign of a velocity."""
+    own = [
+        len(search.columns(c.bare)[0]) if c.bare != c else len(b) for c, b in zip(fit.effects, fit.beta, strict=True)
+    ]
+    return [np.arange(n, len(b)) for n, b in zip(own, fit.beta, strict=True)]
+
+
+def foretold(search: Search, fit: Fit) -> list[Vector]:
+    """Give the `errors` of a fit, on unseen recordings those of its laws alone where these are less.
+
+    What a law leaves open about the sign of a velocity is told by passages through zero and standstills, which others
+    may hold little of.
+    """
+    own = errors(search, fit.base, fit.effects, fit.beta)
+    if search.problem is fit.problem:
+        return own
+    ends = np.cumsum([len(fit.base), *[len(beta) for beta in fit.beta]])
+    doubts = np.concatenate([a + left for a, left in zip(ends, left_open(search, fit), strict=False)] or [[]])
+    if not len(doubts):
+        return own
+    values = np.split(Estimate.of(fit).without(doubts.astype(int)).values, ends[:-1])
+    level = np.maximum(search.loads, 1e-12)
+    bare = errors(search, values[0], fit.effects, values[1:])
+    return min(own, bare, key=lambda left: float(np.sum((rms(search, left) / level) ** 2)))
 
 
 def raw_errors(search: Search, base: Vector, effects: Sequence[Candidate], beta: Sequence[Vector]) -> list[Vector]:

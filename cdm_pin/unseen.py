@@ -10,7 +10,7 @@ from .doubts import stretches
 from .drifting import own_drifts
 from .fit import Fit
 from .geometry import Vector
-from .search import Search, errors
+from .search import Search, errors, left_open
 
 
 def deviance_unseen(judge: Search, fit: Fit) -> float:
@@ -35,6 +35,27 @@ def updated(judge: Search, fit: Fit, series: Sequence[Vector]) -> tuple[float, f
     room = np.eye(k) + X @ X.T
     moved = X @ b
     return float(b @ b - moved @ np.linalg.solve(room, moved)), float(np.linalg.slogdet(room)[1])
+
+
+def loosened(judge: Search, fit: Fit, covariance: Vector, firsts: Sequence[int]) -> Vector:
+    """Let what laws leave open about signs of velocities be anything their friction can be, whatever the training says.
+
+    It is told by passages through zero and standstills, and of those other recordings may have others.
+
+    Parameters
+    ----------
+    judge : Search
+    fit : Fit
+    covariance : ndarray, shape (k, k)
+        Of parameters.
+    firsts : sequence of int
+        Where the coefficients of each effect stand in it.
+    """
+    out = covariance.copy()
+    for beta, own, first in zip(fit.beta, left_open(judge, fit), firsts, strict=False):
+        size = np.maximum(np.abs(beta[own]), np.abs(beta[:1]))
+        out[first + own, first + own] += size**2
+    return out
 
 
 def beside(drifts: Vector, *series: Vector) -> list[Vector]:

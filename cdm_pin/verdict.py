@@ -414,7 +414,7 @@ def _agreed(verdict: Verdict) -> Verdict:
     parted = [] if explanation.everywhere else _changing_parts(verdict, told, lasting)
     if not lasting or judge is None or not any(judge.problem.segments):
         return _without_changing(replace(verdict, stated=stated), parted, "some parts of the recordings")
-    step, chance = fi.unseen_shift(judge, fit, covariance)
+    step, chance = fi.unseen_shift(judge, fit, covariance, where)
     changing = []
     for j in lasting:
         own = step[where[j]], chance[np.ix_(where[j], where[j])]

@@ -1059,7 +1059,7 @@ def test_encoders_on_both_sides_may_be_off_alike(tmp_path):
 @pytest.mark.parametrize(("size", "worse"), [(0.5, False), (9.0, False), (11.0, True)])
 def test_what_makes_the_plain_error_larger_explains_nothing(monkeypatch, size, worse):
     """Nothing is found that makes the error ten times larger, whatever it does where the noise is said to be small."""
-    monkeypatch.setattr(drifting, "errors", lambda search, base, effects, beta: [np.full((2, 50), base)])
+    monkeypatch.setattr(drifting, "foretold", lambda search, fit: [np.full((2, 50), fit.base)])
     monkeypatch.setattr(significance, "rms", lambda search, left: np.sqrt(np.mean(left[0] ** 2, axis=1)))
     without, both = (SimpleNamespace(base=x, effects=(), beta=(), whitener=None) for x in (1.0, size))
     search = SimpleNamespace(fit=lambda effects, whitener: both, drift=None)
@@ -1237,7 +1237,7 @@ def test_recordings_that_hardly_tell_a_parameter_move_it_little(monkeypatch, uns
     """As much information on either side: their difference. Hardly any in the unseen: next to nothing."""
     step, spread = np.array([5.0, 0.0]), np.diag([unseen, 0.0])  # the second is a drift of the training's own
     monkeypatch.setattr(findings, "unseen_step", lambda judge, fit: (step, spread))
-    far, near = findings.unseen_shift(None, None, np.eye(2))
+    far, near = findings.unseen_shift(None, SimpleNamespace(effects=(), beta=()), np.eye(2), ())
     assert far == pytest.approx([shift, 0.0])
     assert np.diag(near) == pytest.approx([chance, 0.0])
 
