@@ -56,6 +56,8 @@ class Fit:
         These columns, per effect.
     weights : ndarray, shape (sum k, rank), or None
         What Q is made of them with; None where it has more in it.
+    carried : ndarray, shape (n_parameters, sum k)
+        By how much base parameters move per coefficient of the effects.
     residual : ndarray, shape (n_rows,)
         Whitened.
     base : ndarray
@@ -73,6 +75,7 @@ class Fit:
     Q: Vector
     free: tuple[Vector, ...]
     weights: Vector | None
+    carried: Vector
     residual: Vector
     base: Vector
     beta: tuple[Vector, ...]
@@ -132,6 +135,17 @@ class Estimate:
         return np.asarray(np.linalg.pinv(self.covariance[np.ix_(own, own)], rcond=1e-10, hermitian=True), float)
 
 
+def moved_masses(fit: Fit, W: Vector) -> Vector:
+    """Give by how much base parameters move per coefficient of further whitened columns (k, n_rows), others moving too.
+
+    Returns
+    -------
+    ndarray, shape (n_parameters, k)
+    """
+    assert fit.weights is not None
+    return -fit.body.inverse @ (W @ fit.body.Q).T - fit.carried @ (fit.weights @ (W @ fit.Q).T)
+
+
 def own_covariance(fit: Fit, j: int) -> Vector:
     """Give the covariance of the coefficients of effect `j` of a fit."""
     start = len(fit.base) + sum(len(beta) for beta in fit.beta[:j])
@@ -165,7 +179,7 @@ def fitted(
     ends = list(itertools.pairwise(np.cumsum([0, *[len(x) for x in own]])))
     beta, parts = tuple(theta[a:b] for a, b in ends), tuple(whole[a:b] for a, b in ends)
     residual = body.residual - Q @ (Q.T @ body.residual)
-    return Fit(problem, whitener, tuple(effects), body, Q, parts, inverse, residual, base, beta, covariance)
+    return Fit(problem, whitener, tuple(effects), body, Q, parts, inverse, carried, residual, base, beta, covariance)
 
 
 def _minor_signs(candidate: Candidate, k: int) -> list[int]:

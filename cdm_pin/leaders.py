@@ -9,7 +9,7 @@ import numpy as np
 
 from .bank import Bank
 from .candidates import Candidate, at_known_place
-from .fit import Fit, own_covariance
+from .fit import Fit, moved_masses, own_covariance
 from .friction_effects import DRAG_RATIO
 from .geometry import Vector
 from .likelihood import gain
@@ -117,7 +117,9 @@ def hides_in_masses(search: Search, fit: Fit, candidate: Candidate, most: float 
     p, problem = len(search.base.columns), search.problem
     file = search.base.values(problem.sensors.model.standard_parameters)
     without = search.base.values(problem.model.standard_parameters) - file + fit.base[:p]
-    changed = without + (search.fit([*fit.effects, candidate], fit.whitener).base - fit.base)[:p]
+    fit = fit if fit.weights is not None else search.fit(fit.effects, fit.whitener)
+    W = search.white(fit.whitener, search.columns(candidate))
+    changed = without + (moved_masses(fit, W) @ search.score(fit, candidate).beta)[:p]
     loads = search.loads[: problem.model.n_motors]
 
     def torque(change: Vector) -> Vector:
