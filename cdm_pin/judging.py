@@ -24,6 +24,7 @@ from .pruning import undivided
 from .resolved import differs_by_zeros
 from .search import Search
 from .settling import settled, tied
+from .shapes import tuned
 from .unexplained import noise_floor
 from .unseen import deviance_unseen
 
@@ -45,7 +46,7 @@ def validated(seen: Problem | None, explanation: Explanation) -> tuple[Search | 
     judge = judge_of(seen, explanation)
     if explanation.everywhere:
         return judge, _weighed(judge, explanation)
-    more = _seconded(judge, explanation)
+    more = _seconded(judge, _opened(judge, explanation))
     if more is not explanation:
         judge = judge_of(seen, more)
     left = _judged(judge, more)
@@ -108,6 +109,21 @@ def _seconded(judge: Search, explanation: Explanation, most: int = 8) -> Explana
         return explanation
     search, accepted = settled(search, [*effects, candidates[int(np.argmin(worth))]])
     return undivided(explained(search, search.renewed(explanation.bank), accepted))
+
+
+def _opened(judge: Search, explanation: Explanation) -> Explanation:
+    """Leave the sign of friction open where that takes most of what the unseen recordings err by.
+
+    The training may hold few passages through zero, and need no more than one width of the sign.
+    """
+    search, fit = explanation.search, explanation.fit
+    laws = [c.detailed(search.problem.motions) if c.has_doubts else c for c in fit.effects]
+    if laws == list(fit.effects) or deviance_unseen(judge, fit) < CLOSE * judge.body(fit.whitener).data.size:
+        return explanation
+    laws = tuned(search, laws, fit.whitener)
+    if not _takes_most(judge, search.fit(laws, fit.whitener), fit):
+        return explanation
+    return explained(search, explanation.bank, laws)
 
 
 def _judged(judge: Search, explanation: Explanation) -> Explanation:

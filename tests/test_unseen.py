@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from cdm_pin import judging
 from cdm_pin.body_effects import ripple_grid
 from cdm_pin.search import foretold, left_open
 from cdm_pin.unseen import loosened
@@ -55,3 +56,18 @@ def test_a_ripple_over_many_turns_repeats_with_each(turns, whole):
     orders = np.array(ripple_grid([motion], SimpleNamespace(index=(0,))))[:, 0]
     assert np.all(orders == np.round(orders)) == whole
     assert len(orders) < 300
+
+
+@pytest.mark.parametrize(("closed", "opened", "opens"), [(6000, 2500, True), (3000, 2500, False), (6000, 5500, False)])
+def test_signs_are_left_open_where_unseen_recordings_ask(monkeypatch, closed, opened, opens):
+    """Not where the law alone leaves little more than noise (2500 here), nor where that takes little away."""
+    law = SimpleNamespace(has_doubts=True, detailed=lambda motions: "left open")
+    body = SimpleNamespace(data=np.zeros(2500))
+    judge = SimpleNamespace(body=lambda whitener: body)
+    fits = {False: SimpleNamespace(effects=(law,), whitener="noise"), True: SimpleNamespace(whitener="noise")}
+    search = SimpleNamespace(problem=SimpleNamespace(motions=()), fit=lambda laws, whitener: fits[True])
+    explanation = SimpleNamespace(search=search, fit=fits[False], bank=None)
+    monkeypatch.setattr(judging, "deviance_unseen", lambda judge, fit: closed if fit is fits[False] else opened)
+    monkeypatch.setattr(judging, "tuned", lambda search, laws, whitener: laws)
+    monkeypatch.setattr(judging, "explained", lambda search, bank, laws: laws)
+    assert judging._opened(judge, explanation) == (["left open"] if opens else explanation)
