@@ -168,6 +168,7 @@ def test_small_friction_is_found_beside_a_drift(coulomb):
     assert named[0][1] == 2
 
 
+@pytest.mark.slow
 def test_where_zeros_walk_friction_may_differ_in_its_two_directions():
     """The constant by which it would is not told from the walk, so it is named beside dry friction."""
     runs = [recording(seed, walk=0.05, coulomb=0.06, correlation=0.0) for seed in (70, 71)]
@@ -176,6 +177,7 @@ def test_where_zeros_walk_friction_may_differ_in_its_two_directions():
     assert {"coulomb_friction", "asymmetric_friction"} <= names
 
 
+@pytest.mark.slow
 def test_a_push_is_no_quick_drift():
     """A push of some seconds, beside a drift, is not taken for a zero that moves more quickly."""
     runs = [recording(20, drift=0.02, push=0.15), recording(21, drift=0.02)]

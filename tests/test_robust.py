@@ -523,6 +523,7 @@ def test_what_the_findings_take_up_is_not_called_absorbed_by_masses(tmp_path):
     assert hidden and not any(row["absorbed_by"] for row in hidden)
 
 
+@pytest.mark.slow
 def test_no_law_that_needs_absurd_masses(tmp_path):
     """A spring that warms up: one of fifty times its strength, which a heavy link cancels, is no explanation."""
     model, runs, unseen, _ = loaded_trial(tmp_path, 49994007219907, effects=1, out_of_catalogue=True, bits=14)
@@ -725,7 +726,9 @@ def test_a_narrow_peak_of_static_friction_is_hardly_known():
         assert told["coulomb"]["std"] < 0.003
 
 
-@pytest.mark.parametrize("effect, seed", [("stribeck_friction", 8404), ("coulomb_friction", 8402)])
+@pytest.mark.parametrize(
+    "effect, seed", [("stribeck_friction", 8404), pytest.param("coulomb_friction", 8402, marks=pytest.mark.slow)]
+)
 def test_a_blurred_sign_does_not_rise_above_its_friction(tmp_path, effect, seed):
     """A peak that dry friction's free sign could take up is Stribeck's, with its size; dry friction has none."""
     model, runs, unseen, truth = loaded_trial(tmp_path, seed, effects=[effect])
@@ -1168,6 +1171,7 @@ def test_masses_that_no_torque_tells_stay_as_the_file_has_them(std, share):
     assert moved[0] == pytest.approx(change[0], rel=0.02) or not share
 
 
+@pytest.mark.slow
 def test_dry_friction_that_is_sure_is_no_unequal_friction(tmp_path):
     """A more general law is no alternative where what it has beyond the one that was found is no more than a trifle."""
     model, runs, unseen, _ = loaded_trial(
@@ -1212,7 +1216,7 @@ def test_a_residual_that_rings_is_no_noise(monkeypatch, height, sensed, rings):
     ("seed", "effect", "visibility", "bits", "beside"),
     [
         (217520819009564, "stribeck_friction", 23.57, 17, "coulomb_friction"),
-        (87894727631294, "coulomb_friction", 27.8, 14, "coulomb_friction"),
+        pytest.param(87894727631294, "coulomb_friction", 27.8, 14, "coulomb_friction", marks=pytest.mark.slow),
     ],
 )
 def test_weak_friction_pays_for_no_freedom(tmp_path, seed, effect, visibility, bits, beside):

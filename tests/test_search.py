@@ -412,6 +412,7 @@ def test_a_delay_is_what_its_column_was_made_for(tmp_path):
     assert score.beta[0] == pytest.approx(truth["effects"][0]["parameters"]["delay"], rel=0.3)
 
 
+@pytest.mark.slow
 def test_a_small_finding_cannot_exclude_its_refinements(tmp_path):
     """Friction of a few newton millimetres may as well depend on direction or load; a large one may not."""
     listed = []

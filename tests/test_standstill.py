@@ -138,6 +138,7 @@ def test_what_holds_a_cable_or_two_motors_is_passed_over(ratio):
     assert np.flatnonzero(place.weights(model)).tolist() == [0, 2]
 
 
+@pytest.mark.slow
 def test_a_cable_that_locks_harder_than_it_rubs_is_told():
     """On its guides it holds two motors together while they move; dry friction has no name there."""
     model = load_model(ARM.parent / "planar3.yaml")
