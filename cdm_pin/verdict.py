@@ -50,6 +50,8 @@ BURIED = 10.0
 """Times its noise by which a motor errs, beside something without a name, where no law that acts on it is sure."""
 TRIFLE = 0.05
 """Share of what was found beside it that a finding is which unseen recordings see elsewhere, and which is none then."""
+SECOND = 0.05
+"""Share of its second order that a gain may be off by which is friction's that its own torque loads."""
 CONTACT = 0.1
 """Share of half a cable's play that it gives (rms), up to which that is how hard the play's ends are."""
 ANY, VAGUE, DRIFTING = 1.0, 2.0, 3.0
@@ -299,6 +301,26 @@ def _contact(verdict: Verdict) -> Verdict:
     return replace(verdict, contacts=contacts).keeping(lambda j: j not in contacts)
 
 
+def _own_torque(verdict: Verdict) -> Verdict:
+    """List no gain that friction by torque brings where its own torque loads it, too.
+
+    Of c times the magnitude of the whole torque, 1 / (1 - c^2) of the others' torque is even in the velocity.
+    """
+    effects, fitted, own = verdict.fit.effects, verdict.fitted, {}
+    rubs = [j for j in verdict.stated if effects[j].effect.name == "torque_dependent_friction"]
+    for j in verdict.stated:
+        if effects[j].effect.name != "torque_gain_error":
+            continue
+        motor, gain = effects[j].place.index[0], fitted[j]["gain"]
+        for rub in rubs:
+            square = fitted[rub]["coefficient"]["value"] ** 2
+            alone = np.flatnonzero(np.abs(effects[rub].place.weights(verdict.model)) > 1e-9).tolist() == [motor]
+            off = abs(gain["value"] - 1.0 / (1.0 - square))
+            if alone and off <= max(2.0 * gain["std"], SECOND * square):
+                own[j] = rub
+    return replace(verdict, contacts={**verdict.contacts, **own}).keeping(lambda j: j not in own)
+
+
 def _loud(verdict: Verdict) -> Verdict:
     """Whether, of a disputed explanation, something loud is left; what happens once cannot be confirmed then.
 
@@ -372,6 +394,7 @@ GATES: Sequence[Callable[[Verdict], Verdict]] = (
     _unsized,
     _odd,
     _contact,
+    _own_torque,
     _loud,
     _drowned,
     _swinging,
