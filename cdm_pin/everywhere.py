@@ -19,7 +19,7 @@ from .effect import Place
 from .effects import CATALOGUE
 from .events import Reporter
 from .explanation import Explanation, Found
-from .fit import Estimate, Fit
+from .fit import Estimate, Fit, own_covariance, where_in
 from .leaders import best_of, leading
 from .leftover import clear_noise
 from .masses import about
@@ -233,9 +233,7 @@ def needed(search: Search, effects: list[Candidate], rounds: int = 3, least: flo
         careful, clear = search.fit(effects), search.fit(effects, clear_noise(search, effects))
         while effects:
             sizes = np.array([len(b) for b in careful.beta])
-            margin = np.maximum(
-                worths(search, careful) - least - 4.0 * sizes, worths(search, clear) - 5 * least - 25.0 * sizes
-            )
+            margin = np.maximum(worths(careful) - least - 4.0 * sizes, worths(clear) - 5 * least - 25.0 * sizes)
             margin[[is_backwards(c, b) for c, b in zip(effects, careful.beta, strict=True)]] = -np.inf
             weakest = int(np.argmin(margin))
             if margin[weakest] > 0:
@@ -252,14 +250,12 @@ def is_backwards(candidate: Candidate, beta: np.ndarray) -> bool:
     return candidate.leads and bool(beta[0] < 0)
 
 
-def worths(search: Search, fit: Fit) -> np.ndarray:
+def worths(fit: Fit) -> np.ndarray:
     """By how much the sum of squares would rise without each effect, from the covariance of the fit (Wald)."""
-    out, first = [], search.n_rigid
-    for beta in fit.beta:
-        own = slice(first, first + len(beta))
-        first += len(beta)
+    out = []
+    for j, beta in enumerate(fit.beta):
         live = beta != 0
-        block = fit.covariance[own, own][np.ix_(live, live)]
+        block = own_covariance(fit, j)[np.ix_(live, live)]
         b = beta[live]
         out.append(float(b @ np.linalg.pinv(block, rcond=1e-9, hermitian=True) @ b) if live.any() else 0.0)
     return np.array(out)
@@ -283,8 +279,7 @@ def confirmed(search: Search, judge: Search, effects: list[Candidate], levels: n
         fit = search.fit(effects)
         unseen = _Unseen.of(judge, fit, levels)
         left = Estimate.of(fit)
-        sizes = np.cumsum([search.n_rigid, *[len(b) for b in fit.beta]])
-        slots = {j: np.arange(sizes[j], sizes[j + 1]) for j in range(len(effects))}
+        slots = dict(enumerate(where_in(fit)))
         kept = list(slots)
         while kept:
             now, useless = unseen.errors(left.values), {}

@@ -107,7 +107,7 @@ def unseen_shift(judge: Search, fit: Fit, covariance: Vector, where: Sequence[np
     covariance, where : ndarray, sequence of ndarray of int
         Of all parameters by the training recordings, and where each effect's stand (`joint_covariance`).
     """
-    covariance = loosened(judge, fit, covariance, [int(own[0]) if len(own) else 0 for own in where])
+    covariance = loosened(fit, covariance, where)
     step, unseen = unseen_step(judge, fit)
     there = np.flatnonzero(np.diag(unseen) > 0.0)
     block = np.ix_(there, there)

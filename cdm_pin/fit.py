@@ -146,11 +146,22 @@ def moved_masses(fit: Fit, W: Vector) -> Vector:
     return -fit.body.inverse @ (W @ fit.body.Q).T - fit.carried @ (fit.weights @ (W @ fit.Q).T)
 
 
+def where_in(fit: Fit) -> list[np.ndarray]:
+    """Say where the coefficients of each effect stand among all parameters of a fit."""
+    ends = np.cumsum([len(fit.base), *[len(beta) for beta in fit.beta]])
+    return [np.arange(a, b) for a, b in itertools.pairwise(ends)]
+
+
 def own_covariance(fit: Fit, j: int) -> Vector:
     """Give the covariance of the coefficients of effect `j` of a fit."""
-    start = len(fit.base) + sum(len(beta) for beta in fit.beta[:j])
-    own = slice(start, start + len(fit.beta[j]))
-    return fit.covariance[own, own]
+    own = where_in(fit)[j]
+    return fit.covariance[np.ix_(own, own)]
+
+
+def left_open(fit: Fit) -> list[np.ndarray]:
+    """Tell which coefficients of each effect of a fit say what its law leaves open about the sign of a velocity."""
+    own = (len(b) if c.bare is c else len(c.effect.signs) for c, b in zip(fit.effects, fit.beta, strict=True))
+    return [np.arange(n, len(b)) for n, b in zip(own, fit.beta, strict=True)]
 
 
 def fitted(

@@ -14,7 +14,7 @@ from .friction_effects import DRAG_RATIO
 from .geometry import Vector
 from .likelihood import gain
 from .scores import Score
-from .search import Search, rms
+from .search import Search, rms, score_beside
 from .shapes import refine
 
 UNLIKELIER = "transmission_ratio_error"
@@ -119,7 +119,7 @@ def hides_in_masses(search: Search, fit: Fit, candidate: Candidate, most: float 
     without = search.base.values(problem.model.standard_parameters) - file + fit.base[:p]
     fit = fit if fit.weights is not None else search.fit(fit.effects, fit.whitener)
     W = search.white(fit.whitener, search.columns(candidate))
-    changed = without + (moved_masses(fit, W) @ search.score(fit, candidate).beta)[:p]
+    changed = without + (moved_masses(fit, W) @ score_beside(fit, W, candidate.signs).beta)[:p]
     loads = search.loads[: problem.model.n_motors]
 
     def torque(change: Vector) -> Vector:

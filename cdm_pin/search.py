@@ -14,7 +14,7 @@ from .base import BaseParameters, updated_model
 from .candidates import Candidate, Identity
 from .drift import Drift
 from .effect import Columns
-from .fit import Body, Estimate, Fit, fitted, least_squares
+from .fit import Body, Estimate, Fit, fitted, least_squares, left_open, where_in
 from .geometry import Vector
 from .model import CableModel
 from .motion import Motion
@@ -303,11 +303,15 @@ class Search:
 
     def score(self, fit: Fit, candidate: Candidate) -> Score:
         """Score one candidate."""
-        W = self.white(fit.whitener, self.columns(candidate))
-        inside = np.concatenate([W @ fit.body.Q, W @ fit.Q], axis=1)
-        gram = W @ W.T
-        full, gram = np.diag(gram), gram - inside @ inside.T
-        return scored(gram, W @ fit.residual, full, np.maximum(np.diag(gram), 0.0), candidate.signs)
+        return score_beside(fit, self.white(fit.whitener, self.columns(candidate)), candidate.signs)
+
+
+def score_beside(fit: Fit, W: Vector, signs: Sequence[int]) -> Score:
+    """Score whitened columns, shape (k, n_rows), beside a fit."""
+    inside = np.concatenate([W @ fit.body.Q, W @ fit.Q], axis=1)
+    gram = W @ W.T
+    full, gram = np.diag(gram), gram - inside @ inside.T
+    return scored(gram, W @ fit.residual, full, np.maximum(np.diag(gram), 0.0), signs)
 
 
 def errors(search: Search, base: Vector, effects: Sequence[Candidate], beta: Sequence[Vector]) -> list[Vector]:
@@ -319,14 +323,6 @@ def errors(search: Search, base: Vector, effects: Sequence[Candidate], beta: Seq
     return [blanked(e, run) for e, run in zip(raw, search.problem.segments, strict=True)]
 
 
-def left_open(search: Search, fit: Fit) -> list[np.ndarray]:
-    """Tell which coefficients of each effect of a fit say what its law leaves open about the sign of a velocity."""
-    own = [
-        len(search.columns(c.bare)[0]) if c.bare != c else len(b) for c, b in zip(fit.effects, fit.beta, strict=True)
-    ]
-    return [np.arange(n, len(b)) for n, b in zip(own, fit.beta, strict=True)]
-
-
 def foretold(search: Search, fit: Fit) -> list[Vector]:
     """Give the `errors` of a fit, on unseen recordings those of its laws alone where these are less.
 
@@ -336,13 +332,13 @@ def foretold(search: Search, fit: Fit) -> list[Vector]:
     own = errors(search, fit.base, fit.effects, fit.beta)
     if search.problem is fit.problem:
         return own
-    ends = np.cumsum([len(fit.base), *[len(beta) for beta in fit.beta]])
-    doubts = np.concatenate([a + left for a, left in zip(ends, left_open(search, fit), strict=False)] or [[]])
-    if not len(doubts):
+    where = where_in(fit)
+    doubts = [k for at, left in zip(where, left_open(fit), strict=True) for k in at[left]]
+    if not doubts:
         return own
-    values = np.split(Estimate.of(fit).without(doubts.astype(int)).values, ends[:-1])
+    values = Estimate.of(fit).without(np.array(doubts)).values
+    bare = errors(search, values[: len(fit.base)], fit.effects, [values[at] for at in where])
     level = np.maximum(search.loads, 1e-12)
-    bare = errors(search, values[0], fit.effects, values[1:])
     return min(own, bare, key=lambda left: float(np.sum((rms(search, left) / level) ** 2)))
 
 

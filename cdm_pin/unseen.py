@@ -8,9 +8,9 @@ import numpy as np
 
 from .doubts import stretches
 from .drifting import own_drifts
-from .fit import Fit
+from .fit import Fit, left_open
 from .geometry import Vector
-from .search import Search, errors, left_open
+from .search import Search, errors
 
 
 def deviance_unseen(judge: Search, fit: Fit) -> float:
@@ -37,24 +37,23 @@ def updated(judge: Search, fit: Fit, series: Sequence[Vector]) -> tuple[float, f
     return float(b @ b - moved @ np.linalg.solve(room, moved)), float(np.linalg.slogdet(room)[1])
 
 
-def loosened(judge: Search, fit: Fit, covariance: Vector, firsts: Sequence[int]) -> Vector:
+def loosened(fit: Fit, covariance: Vector, where: Sequence[np.ndarray]) -> Vector:
     """Let what laws leave open about signs of velocities be anything their friction can be, whatever the training says.
 
     It is told by passages through zero and standstills, and of those other recordings may have others.
 
     Parameters
     ----------
-    judge : Search
     fit : Fit
     covariance : ndarray, shape (k, k)
         Of parameters.
-    firsts : sequence of int
-        Where the coefficients of each effect stand in it.
+    where : sequence of ndarray of int
+        Where those of each effect stand in it, its coefficients first.
     """
     out = covariance.copy()
-    for beta, own, first in zip(fit.beta, left_open(judge, fit), firsts, strict=False):
-        size = np.maximum(np.abs(beta[own]), np.abs(beta[:1]))
-        out[first + own, first + own] += size**2
+    for beta, left, at in zip(fit.beta, left_open(fit), where, strict=True):
+        size = np.maximum(np.abs(beta[left]), np.abs(beta[:1]))
+        out[at[left], at[left]] += size**2
     return out
 
 

@@ -84,7 +84,7 @@ class Verdict:
         Of those that are listed, with all errors that they may have.
     unexplained : dict or None
         What is there that has no name, as the format says it.
-    contacts : dict
+    unlisted : dict
         What belongs to a finding and is not listed beside it, and to which, by their numbers.
     """
 
@@ -97,7 +97,7 @@ class Verdict:
     fitted: Mapping[int, Values]
     stated: Mapping[int, Values]
     unexplained: dict[str, Any] | None = None
-    contacts: Mapping[int, int] = field(default_factory=dict)
+    unlisted: Mapping[int, int] = field(default_factory=dict)
 
     @property
     def search(self) -> Search:
@@ -129,7 +129,7 @@ class Verdict:
         """Parameters of what the completed model has; where nearly every axis rubs, also of what has no sure name."""
         if self.everywhere:
             return self.fitted
-        return {**self.stated, **{j: self.fitted[j] for j, other in self.contacts.items() if other in self.stated}}
+        return {**self.stated, **{j: self.fitted[j] for j, other in self.unlisted.items() if other in self.stated}}
 
     def spread(self, j: int) -> Vector:
         """Covariance of the coefficients and the shape of finding `j`."""
@@ -145,6 +145,10 @@ class Verdict:
     def keeping(self, holds: Callable[[int], bool]) -> Verdict:
         """State only those findings for which something holds."""
         return replace(self, stated={j: v for j, v in self.stated.items() if holds(j)})
+
+    def unlisting(self, belong: Mapping[int, int]) -> Verdict:
+        """State no more what belongs to other findings, and to which; the completed model has it."""
+        return replace(self, unlisted={**self.unlisted, **belong}).keeping(lambda j: j not in belong)
 
 
 def reached(model: CableModel, judge: Search | None, explanation: Explanation, disputed: bool) -> Verdict:
@@ -298,7 +302,7 @@ def _contact(verdict: Verdict) -> Verdict:
         for j, play in pairs.items()
         if fi.largest_travel(search, effects[j], beta[j]) <= CONTACT * beta[play][0]
     }
-    return replace(verdict, contacts=contacts).keeping(lambda j: j not in contacts)
+    return verdict.unlisting(contacts)
 
 
 def _own_torque(verdict: Verdict) -> Verdict:
@@ -306,19 +310,16 @@ def _own_torque(verdict: Verdict) -> Verdict:
 
     Of c times the magnitude of the whole torque, 1 / (1 - c^2) of the others' torque is even in the velocity.
     """
-    effects, fitted, own = verdict.fit.effects, verdict.fitted, {}
+    effects, fitted = verdict.fit.effects, verdict.fitted
     rubs = [j for j in verdict.stated if effects[j].effect.name == "torque_dependent_friction"]
-    for j in verdict.stated:
-        if effects[j].effect.name != "torque_gain_error":
-            continue
-        motor, gain = effects[j].place.index[0], fitted[j]["gain"]
-        for rub in rubs:
-            square = fitted[rub]["coefficient"]["value"] ** 2
-            alone = np.flatnonzero(np.abs(effects[rub].place.weights(verdict.model)) > 1e-9).tolist() == [motor]
-            off = abs(gain["value"] - 1.0 / (1.0 - square))
-            if alone and off <= max(2.0 * gain["std"], SECOND * square):
-                own[j] = rub
-    return replace(verdict, contacts={**verdict.contacts, **own}).keeping(lambda j: j not in own)
+    gains = [j for j in verdict.stated if effects[j].effect.name == "torque_gain_error"]
+
+    def is_own(j: int, rub: int) -> bool:
+        gain, square = fitted[j]["gain"], fitted[rub]["coefficient"]["value"] ** 2
+        alone = np.flatnonzero(verdict.motors(rub)).tolist() == [effects[j].place.index[0]]
+        return alone and abs(gain["value"] - 1.0 / (1.0 - square)) <= max(2.0 * gain["std"], SECOND * square)
+
+    return verdict.unlisting({j: rub for j in gains for rub in rubs if is_own(j, rub)})
 
 
 def _loud(verdict: Verdict) -> Verdict:

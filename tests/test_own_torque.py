@@ -33,7 +33,7 @@ def test_the_second_order_of_friction_by_torque_is_no_gain(gain, motor, listed):
     explanation = SimpleNamespace(fit=SimpleNamespace(effects=effects))
     told = verdict._own_torque(verdict.Verdict(MODEL, None, explanation, False, np.eye(2), (), values, values))
     assert list(told.stated) == ([0, 1] if listed else [0])
-    assert list(told.contacts.items()) == ([] if listed else [(1, 0)])
+    assert list(told.unlisted.items()) == ([] if listed else [(1, 0)])
 
 
 def test_that_gain_is_what_the_law_comes_to():

@@ -7,7 +7,8 @@ import pytest
 
 from cdm_pin import judging
 from cdm_pin.body_effects import ripple_grid
-from cdm_pin.search import foretold, left_open
+from cdm_pin.fit import left_open
+from cdm_pin.search import foretold
 from cdm_pin.unseen import loosened
 
 SIGN = np.sign(np.sin(np.linspace(0.0, 20.0, 400)))
@@ -16,26 +17,26 @@ PASSAGE = np.exp(-(np.linspace(-30.0, 30.0, 400) ** 2))
 
 def other_recording(torque):
     """Give recordings with that torque on one motor, and friction with what its sign leaves open."""
-    columns = {"friction": [np.stack([SIGN, PASSAGE])[:, None]], "sign": [SIGN[None, None]]}
+    friction = [np.stack([SIGN, PASSAGE])[:, None]]
     return SimpleNamespace(
         problem=SimpleNamespace(segments=[[(0, 400)]]),
         rigid=[np.zeros((0, 1, 400))],
         nominal=[torque[None]],
         loads=np.ones(1),
-        columns=lambda law: columns[law.columns],
+        columns=lambda law: friction,
     )
 
 
 def fitted(open_by):
     """Give a fit of friction of 2 N m, and of so much that its sign leaves open, to some recordings."""
-    law = SimpleNamespace(columns="friction", bare=SimpleNamespace(columns="sign"))
+    law = SimpleNamespace(effect=SimpleNamespace(signs=(1,)), bare="the sign alone")
     beta = (np.array([2.0, open_by]),)
     return SimpleNamespace(problem=None, effects=(law,), base=np.zeros(0), beta=beta, covariance=np.eye(2))
 
 
 @pytest.mark.parametrize(("passes", "open_by", "rest"), [(0.0, 90.0, 0.0), (3.0, 3.0, 0.0), (3.0, 90.0, 3.0)])
 def test_what_is_left_open_is_not_foretold_where_the_law_alone_errs_less(passes, open_by, rest):
-    """Sixty coefficients fitted to rests say nothing of other passages; those that hold there, too, stay."""
+    """Coefficients fitted to rests say nothing of other passages; those that hold there, too, stay."""
     errors = foretold(other_recording(2.0 * SIGN + passes * PASSAGE), fitted(open_by))
     assert np.abs(errors[0]).max() == pytest.approx(rest, abs=0.05)
 
@@ -43,9 +44,9 @@ def test_what_is_left_open_is_not_foretold_where_the_law_alone_errs_less(passes,
 def test_what_is_left_open_may_be_anything_elsewhere():
     """Its variance is that of friction, or of itself where that is more; the law's own stays."""
     for open_by, spread in ((90.0, 90.0), (0.1, 2.0)):
-        search, fit = other_recording(SIGN), fitted(open_by)
-        assert [own.tolist() for own in left_open(search, fit)] == [[1]]
-        assert np.diag(loosened(search, fit, np.zeros((2, 2)), [0])) == pytest.approx([0.0, spread**2])
+        fit = fitted(open_by)
+        assert [own.tolist() for own in left_open(fit)] == [[1]]
+        assert np.diag(loosened(fit, np.zeros((2, 2)), [np.arange(2)])) == pytest.approx([0.0, spread**2])
 
 
 @pytest.mark.parametrize(("turns", "whole"), [(0.8, False), (40.0, True)])
