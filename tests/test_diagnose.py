@@ -84,7 +84,10 @@ def test_order_and_copies_do_not_matter(dry, dry_diagnosis):
     assert again["findings"] == dry_diagnosis.content["findings"]
 
 
-@pytest.mark.parametrize("effect, seed", [("coulomb_friction", 3), ("joint_spring", 8500), ("hysteresis", 8502)])
+@pytest.mark.parametrize(
+    "effect, seed",
+    [("coulomb_friction", 3), ("joint_spring", 8500), pytest.param("hysteresis", 8502, marks=pytest.mark.slow)],
+)
 def test_the_completed_model_is_complete(tmp_path, effect, seed):
     """Run forward from model.yaml it leaves what the fit left, in torques and in travel: nothing more is missing.
 
@@ -220,6 +223,7 @@ def test_the_band_passes_slow_motion_unchanged():
     assert band.reduce(np.sin(2 * np.pi * 40.0 * t)[None])[0, start:stop].std() < 5e-3
 
 
+@pytest.mark.slow
 def test_joint_encoders_alone_show_an_elastic_cable(tmp_path):
     """The rotor turns by the cable's stretch more than the joint says: its torque names the cable and sizes it."""
     model, runs, unseen, truth, _ = blind(tmp_path, 3, ["cable_elasticity"], positions="joint", bits=17, noise="white")
@@ -263,6 +267,7 @@ def test_what_encoders_do_not_see_is_drawn_as_torque(tmp_path):
     assert curve.y_label.startswith("torque") and curve.y_fit.any()
 
 
+@pytest.mark.slow
 def test_a_strong_push_beside_friction_by_torque_is_named(tmp_path):
     """The friction alone may be wrong by as much as the push, but not in the shape of one that leaves only noise."""
     model, runs, unseen, truth, _ = written_trial(tmp_path, 77307004668733, effects=2, at_least=50.0, bits=17)
@@ -276,7 +281,9 @@ def test_a_strong_push_beside_friction_by_torque_is_named(tmp_path):
     ("seed", "effect", "visibility"),
     [
         (152971890073249, "load_dependent_friction", 21.83),  # drifts so that it would drive, once all is estimated
-        (2435691590527, "friction_drift", 16.26),  # falls, though by what is not known to three errors
+        pytest.param(
+            2435691590527, "friction_drift", 16.26, marks=pytest.mark.slow
+        ),  # falls, though by what is not known to three errors
     ],
 )
 def test_dry_friction_stands_for_a_law_that_is_not_told_from_it(tmp_path, seed, effect, visibility):
@@ -294,7 +301,7 @@ def slow(*values):
     ("seed", "bits"),
     [
         slow(202895779544438, 14),  # a ratio of two motors that takes up most of what a gain is off by
-        (229026444396308, 17),  # ripple of a motor that turns by a wrong map, seen by encoders of the joints alone
+        slow(229026444396308, 17),  # ripple of a motor that turns by a wrong map, seen by encoders of the joints alone
         slow(1625527913126, 17),  # a delay that looks like friction at every axis
     ],
 )
@@ -324,6 +331,7 @@ def test_one_unknown_law_is_not_made_of_several_known_ones(tmp_path):
     assert content["unexplained"]["location"] == {"kind": "joint", "index": 2}
 
 
+@pytest.mark.slow
 def test_a_torque_of_its_own_frequency_is_heard_in_half_a_minute(tmp_path):
     """In the narrow band of coarse encoders that is some 240 samples."""
     options = {"effects": 0, "positions": "motor", "bits": 14, "noise": "white", "motion": "prescribed"}
@@ -340,6 +348,7 @@ def test_a_torque_of_its_own_frequency_is_heard_in_half_a_minute(tmp_path):
     assert "frequency of its own" in content["unexplained"]["region"]
 
 
+@pytest.mark.slow
 def test_no_offset_is_named_beside_a_play_that_is_hardly_crossed(tmp_path):
     """The cable visits the other side for moments that do not show the whole way: the gap says how unsure it is."""
     model, runs, unseen, truth, _ = written_trial(tmp_path, 190917076025529, bits=17, at_least=50.0)
@@ -393,6 +402,7 @@ def test_what_every_drive_is_late_by_is_no_fault(tmp_path, lag, said):
     assert content["verdict"] == ("missing_physics" if said else "consistent")
 
 
+@pytest.mark.slow
 def test_what_positions_are_too_coarse_to_tell_is_no_line_of_its_own(tmp_path):
     """A servo's ripple moves the arm by a hundredth of an encoder's step: the torque is all that shows it."""
     model, runs, unseen, _, _ = written_trial(tmp_path, 143572560067792, effects=0, bits=14)

@@ -115,7 +115,8 @@ def test_slowness_is_one_for_white_noise_and_large_for_a_walk():
     assert slow > 100.0
 
 
-@pytest.mark.parametrize("learned", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("learned", [1, 2])
 def test_zeros_that_differ_between_recordings_are_nothing_that_is_missing(learned):
     """A constant of its own on each recording is no law, and no push for as long as it lasts, learned from or not."""
     model = load_model(ARM)

@@ -66,6 +66,7 @@ def test_a_long_push_beside_a_zero_that_walks_is_one_push():
     assert finding["time"] == pytest.approx([20.3, 29.1], abs=0.3)
 
 
+@pytest.mark.slow
 def test_a_torque_that_follows_another_motors_gets_no_name():
     runs = [recording(seed, crosstalk=0.04) for seed in (3, 4)]
     content = diagnose(ARM, runs[:1], runs[1:]).content
@@ -74,7 +75,9 @@ def test_a_torque_that_follows_another_motors_gets_no_name():
     assert "follows that of another motor" in content["unexplained"]["region"]
 
 
-@pytest.mark.parametrize(("sign", "verdict"), [(-1.0, "unexplained"), (1.0, "missing_physics")])
+@pytest.mark.parametrize(
+    ("sign", "verdict"), [(-1.0, "unexplained"), pytest.param(1.0, "missing_physics", marks=pytest.mark.slow)]
+)
 def test_what_drives_a_joint_away_is_no_spring(sign, verdict):
     """It pulls as a spring that stiffens, but to where its joint is not; one that does the opposite is a spring."""
 
@@ -91,7 +94,7 @@ def test_what_drives_a_joint_away_is_no_spring(sign, verdict):
         assert [(f["effect"], f["location"]["index"]) for f in content["findings"]] == [("joint_spring", 2)]
 
 
-@pytest.mark.parametrize("with_rotor", [0.0, 1.0])
+@pytest.mark.parametrize("with_rotor", [pytest.param(0.0, marks=pytest.mark.slow), 1.0])
 def test_friction_by_torque_counts_the_rotors_where_that_loads_it(with_rotor):
     """A motor's bearing carries what its cable pulls, a gear within it the rotor's torque beside."""
     arm = replace(ARM, rotor_inertia=10.0 * ARM.rotor_inertia)
@@ -108,7 +111,9 @@ def test_friction_by_torque_counts_the_rotors_where_that_loads_it(with_rotor):
     assert abs(parameters["coefficient"]["value"] - 0.1) < 3 * parameters["coefficient"]["std"] + 1e-3
 
 
-@pytest.mark.parametrize(("there", "verdict"), [(1.0, "missing_physics"), (1.3, "unexplained")])
+@pytest.mark.parametrize(
+    ("there", "verdict"), [pytest.param(1.0, "missing_physics", marks=pytest.mark.slow), (1.3, "unexplained")]
+)
 def test_a_law_that_is_another_one_in_unseen_recordings_has_no_name(there, verdict):
     """A drag of joint 2 that grows by a third from one recording to the next is no constant of it, however it fits."""
     sizes = (0.4, 0.4 * there)

@@ -214,6 +214,7 @@ def test_a_refinement_that_masses_hide_is_listed(tmp_path):
     ]
 
 
+@pytest.mark.slow
 def test_a_weak_push_does_not_pass_for_slow_noise(tmp_path):
     """Noise estimated with the push in it looks slow; the likelihood of both tells that noise would do so always."""
     model, runs, unseen, truth = loaded_trial(
@@ -726,9 +727,8 @@ def test_a_narrow_peak_of_static_friction_is_hardly_known():
         assert told["coulomb"]["std"] < 0.003
 
 
-@pytest.mark.parametrize(
-    "effect, seed", [("stribeck_friction", 8404), pytest.param("coulomb_friction", 8402, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("effect, seed", [("stribeck_friction", 8404), ("coulomb_friction", 8402)])
 def test_a_blurred_sign_does_not_rise_above_its_friction(tmp_path, effect, seed):
     """A peak that dry friction's free sign could take up is Stribeck's, with its size; dry friction has none."""
     model, runs, unseen, truth = loaded_trial(tmp_path, seed, effects=[effect])
@@ -1212,11 +1212,12 @@ def test_a_residual_that_rings_is_no_noise(monkeypatch, height, sensed, rings):
         assert told["location"] == {"kind": "motor", "index": 2} and "Hz" in told["region"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "effect", "visibility", "bits", "beside"),
     [
         (217520819009564, "stribeck_friction", 23.57, 17, "coulomb_friction"),
-        pytest.param(87894727631294, "coulomb_friction", 27.8, 14, "coulomb_friction", marks=pytest.mark.slow),
+        (87894727631294, "coulomb_friction", 27.8, 14, "coulomb_friction"),
     ],
 )
 def test_weak_friction_pays_for_no_freedom(tmp_path, seed, effect, visibility, bits, beside):
@@ -1280,6 +1281,7 @@ def test_what_rests_may_leave_is_no_evidence():
     assert robust.at_rest(own, np.zeros((0, 300))) == 0.0
 
 
+@pytest.mark.slow
 def test_friction_that_may_as_well_grow_with_load_is_said_before_what_only_adds_to_it(tmp_path):
     """A load that hardly changes: dry friction, listed first beside it the one that grows with load.
 
@@ -1292,6 +1294,7 @@ def test_friction_that_may_as_well_grow_with_load_is_said_before_what_only_adds_
     assert finding["indistinguishable_from"][0] == {k: effect[k] for k in ("effect", "location")}
 
 
+@pytest.mark.slow
 def test_dry_friction_does_not_stand_beside_what_refines_it(tmp_path):
     """Friction a fifth higher one way is one finding, though dry friction alone would do for all but errors of laws."""
     model, runs, unseen, _ = loaded_trial(tmp_path, 258913684971707, effects=1, bits=14, at_least=50.0)

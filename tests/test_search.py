@@ -126,6 +126,7 @@ def test_a_tilted_base_reveals_first_moments():
     assert felt @ there.problem.model.standard_parameters == pytest.approx(true, abs=0.2 * abs(true - file))
 
 
+@pytest.mark.slow
 def test_hysteresis_between_two_motors_parts_is_found_with_its_ratio(tmp_path):
     """Parts of motors 1 and 2 rub at a ratio of speeds that is no joint's and no cable's."""
     for seed in range(40):
@@ -458,6 +459,7 @@ def test_springs_pull_on_links_that_swing(tmp_path):
     assert "cubic" not in found["joint_spring"]
 
 
+@pytest.mark.slow
 def test_friction_and_a_constant_on_one_motor_are_not_unequal_friction_and_one_on_another():
     """On the paper's arm both say the same torque; the one with fewer numbers is named."""
     model, t = load_model("urdf/cdm2.yaml"), np.arange(0, 40, 0.005)
@@ -664,6 +666,7 @@ def _rest(problem):
     return search, errors(search, fit.base, [], [])
 
 
+@pytest.mark.slow
 def test_an_eccentric_encoder_disc_has_no_name_in_the_catalogue():
     """What one encoder reads off by a sine of its own angle is no error of the cable map, small as it is."""
     model, record = quick_recording(200.0, disc=0.006)

@@ -73,6 +73,7 @@ def test_what_turns_is_not_at_rest_and_what_is_held_is():
     assert np.mean(rests(coarse, valid, RATE, 3e-4)) == pytest.approx(0.5, abs=0.15)
 
 
+@pytest.mark.slow
 def test_friction_is_measured_where_it_slides():
     """Friction that holds anything at rest has the size that it has in motion, and nothing stands beside it."""
     model = load_model(ARM)

@@ -193,6 +193,7 @@ def test_column_of_a_play_is_about_the_derivative_of_what_its_motion_asks_for(mo
     assert play.columns(motion).torque.shape[2] == own.ndim - 1  # one, too, where nothing is integrated
 
 
+@pytest.mark.slow
 def test_play_is_told_from_the_motors_alone(tmp_path):
     model, runs, unseen, truth = loaded_trial(
         tmp_path, 8704, effects=["backlash"], positions="motor", bits=17, at_least=50.0
