@@ -17,6 +17,7 @@ from .patching import beside_looser, has_a_name, outdone, patch, renamed, unpatc
 from .plainness import peaked, peakless, placed, plainer, repelled, simplest, whole
 from .polishing import all_late
 from .pruning import coupled, prune, pruned, warmed
+from .resonance import swings
 from .rubbing import rubbing
 from .search import Search
 from .settling import settled
@@ -56,7 +57,7 @@ def explain(
     bank = search.bank(
         [
             c
-            for c in (*all_candidates(search.problem), *tones(search, start))
+            for c in (*all_candidates(search.problem), *tones(search, start), *swings(search, start))
             if c.key not in but and (search.drift is None or c.effect.name != WANDERS)
         ]
     )

@@ -33,9 +33,10 @@ class Recent:
         """Give all that is kept."""
         return [value for _, value in self._known.values()]
 
-    def clear(self) -> None:
-        """Forget all."""
-        self._known.clear()
+    def shrink(self, small: Callable[[list[Any]], bool]) -> None:
+        """Forget the oldest until what is kept is small enough, or nothing is."""
+        while self._known and not small(self.values()):
+            self._known.pop(next(iter(self._known)))
 
     @staticmethod
     def _name(owners: tuple[Any, ...]) -> tuple[Any, ...]:

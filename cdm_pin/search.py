@@ -24,7 +24,7 @@ from .scores import Score, scored
 from .settings import Settings
 from .whitening import Segments, Whitener, blanked, counts, fit_quiet, live_in
 
-_LARGE = 2e9  # bytes of whitened banks that are kept
+_LARGE = 1e9  # bytes of whitened banks that are kept
 
 
 class Search:
@@ -89,7 +89,7 @@ class Search:
             change = self.base.matrix @ (model.standard_parameters - self.problem.model.standard_parameters)
         problem = self.problem.with_model(model, bearings or self.problem.bearings).with_loads(effects)
         search = Search(problem, self.base, self.settings, self.held, self.drift)
-        search.lasting = dict(self.lasting)
+        search.lasting, search._banks = dict(self.lasting), self._banks
         if problem.swings or self.problem.swings:
             return search
         if "rigid" in self.__dict__:
@@ -160,7 +160,7 @@ class Search:
     def drifting(self, drift: Drift) -> Search:
         """Give the same search with what zeros of sensors do beside the rigid body."""
         search = Search(self.problem, self.base, self.settings, self.held, drift)
-        search._cache, search.lasting = self._cache, dict(self.lasting)
+        search._cache, search.lasting, search._banks = self._cache, dict(self.lasting), self._banks
         if "nominal" in self.__dict__:
             search.__dict__["nominal"] = self.nominal
         return search
@@ -293,13 +293,12 @@ class Search:
             self._white_bank(fits[0].body, fits[0].whitener, bank).meet(fits)
 
     def _white_bank(self, body: Body, whitener: Whitener, bank: Bank) -> WhiteBank:
-        known = self._banks.get(whitener, bank)
+        known = self._banks.get(whitener, bank, body)
         if known is not None:
             return known
         size = bank.slices[-1].stop * len(body.data)
-        if 8 * (size + sum(kept.W.size for kept in self._banks.values())) > _LARGE:
-            self._banks.clear()
-        return self._banks.keep(whitened(bank, whitener, self.problem.segments, body), whitener, bank)
+        self._banks.shrink(lambda kept: 8 * (size + sum(white.W.size for white in kept)) <= _LARGE)
+        return self._banks.keep(whitened(bank, whitener, self.problem.segments, body), whitener, bank, body)
 
     def score(self, fit: Fit, candidate: Candidate) -> Score:
         """Score one candidate."""

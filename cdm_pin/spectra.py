@@ -125,6 +125,21 @@ def wandering(noise: Spectrum) -> Vector:
     return noise.power[:, 0] / np.maximum(np.median(noise.power, axis=1), 1e-300)
 
 
+def rises(power: Vector) -> Vector:
+    """Give how much more power there is at each frequency than at a lower one, shape (n_channels, n_frequencies)."""
+    return power / np.maximum(np.minimum.accumulate(power, axis=1), 1e-300)
+
+
+def steepness(noise: Spectrum, near: tuple[float, float] = (4.0, 10.0)) -> Vector:
+    """Power of the slowest band over that at `near` times its frequency, shape (n_channels,).
+
+    An autoregression that forgets within a second is level there, however much slow power it has; a walk is not.
+    """
+    times = noise.centres / max(float(noise.centres[0]), 1e-300)
+    beside = noise.power[:, (times >= near[0]) & (times <= near[1])]
+    return noise.power[:, 0] / np.maximum(np.median(beside, axis=1), 1e-300) if beside.size else wandering(noise)
+
+
 def whitener_of(
     noise: Spectrum,
     residuals: Sequence[Vector],

@@ -22,16 +22,19 @@ from .motion import Motion
 from .places import axis_places
 from .problem import Problem, Run
 from .regions import change_time
+from .resonance import SWING, resonance
 from .search import Search, brought, rms
 from .signals_filters import differentiate, lowpass
 from .significance import is_loud
-from .spectra import tone_peaks, wandering
+from .spectra import rises, steepness, tone_peaks, wandering
 from .unseen import deviance_unseen
 from .walking import walking_noise
 from .whitening import Segments, rms_judged
 
 WANDERING = 300.0
 """Slow power over quick power that no noise of a torque's measurement has; a drift that is no fault stays below 30."""
+STEEP = 25.0
+"""The same over the power at some six times the frequency; noise that forgets within a second stays below 15."""
 LINE = 300.0
 """Power of a line in a torque's spectrum over the median around it that no noise has; noise alone reaches some 15."""
 ROUGH = 1.5
@@ -90,13 +93,11 @@ def at_corrections(explanation: Explanation, corrections: Sequence[Found]) -> di
     main = max(corrections, key=lambda f: f.score.statistic)
     j = explanation.found.index(main)
     size = _size(explanation, j)
-    place = main.candidate.location
-    words = f"{place['kind']} {place['index']}"
+    law, place = main.candidate, main.candidate.location
     nearest = [{"effect": r.effect.name, "location": r.location} for r, _ in main.rivals if r.named][:3]
-    time = change_time(main.candidate, explanation.fit.beta[j], search.problem.motions[0])
-    return something(
-        place["kind"], place["index"], main.candidate.effect.revealed_by.format(place=words), size, time, nearest
-    )
+    time = change_time(law, explanation.fit.beta[j], search.problem.motions[0])
+    region = law.effect.revealed_by.format(place=f"{place['kind']} {place['index']}", shape=law.shape)
+    return something(place["kind"], place["index"], region, size, time, nearest)
 
 
 def of_no_size(
@@ -338,7 +339,9 @@ def wandering_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     """
     problem, m = search.problem, search.problem.model.n_motors
     rest, noise = left_over(search, fit.effects, smooth=False)
-    if not problem.torque or not problem.segments or np.max(wandering(noise)[:m]) < WANDERING:
+    if not problem.torque or not problem.segments:
+        return None
+    if not np.any((wandering(noise)[:m] > WANDERING) & (steepness(noise)[:m] > STEEP)):
         return None
     width = max(3, int(0.25 / max(float(noise.centres[0]), 1e-3)))
     long = [x - x.mean(axis=1, keepdims=True) for x in _inside(rest, problem) if x.shape[1] > 2 * width]
@@ -436,7 +439,7 @@ def ringing_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
     rest, noise = left_over(search, fit.effects, smooth=False)
     rounder = left_over(search, fit.effects)[1]
     times = noise.rms / np.hypot(_least(search), _accuracy(search, fit))
-    own, beside = _rises(noise.power), _rises(rounder.power)
+    own, beside = rises(noise.power), rises(rounder.power)
     peak, rounded = own.max(axis=1), beside.max(axis=1)
     rings = (times > FAR) & (rounded > ROUNDER) & (peak > PEAK)
     rings |= (times > SHRILL) & (rounded > RISES) & (peak > RISING)
@@ -446,6 +449,18 @@ def ringing_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
         return None
     frequency = float(noise.centres[np.argmax(own[worst])]) * problem.band.reduced_rate
     return _torque_that(f"rings at about {frequency:.2g} Hz", _inside(rest, problem), problem.model)
+
+
+def answering_torque(search: Search, judge: Search | None, fit: Fit) -> dict[str, Any] | None:
+    """Say on which axis something swings that its motion shakes; None where nothing does."""
+    if not search.problem.torque:
+        return None
+    found = resonance(search, judge, fit, EVIDENTLY * np.hypot(_least(search), _accuracy(search, fit)))
+    if found is None:
+        return None
+    place = found.law.location
+    words = SWING.revealed_by.format(place=f"{place['kind']} {place['index']}", shape=found.law.shape)
+    return something(place["kind"], place["index"], words, found.torque)
 
 
 def bursting_torque(search: Search, judge: Search | None, fit: Fit) -> dict[str, Any] | None:
@@ -486,11 +501,6 @@ def _bursts(search: Search, fit: Fit, least: int = 100) -> tuple[Vector, Vector]
     )
     loud = size > FAR * np.hypot(_least(search), _accuracy(search, fit))[:m]
     return np.where(loud, size / np.maximum(mostly, 1e-300), 0.0), size
-
-
-def _rises(power: Vector) -> Vector:
-    """Give how much more power there is at each frequency than at a lower one, shape (n_channels, n_frequencies)."""
-    return power / np.maximum(np.minimum.accumulate(power, axis=1), 1e-300)
 
 
 def _place_of(torque: Vector, model: CableModel) -> dict[str, Any]:

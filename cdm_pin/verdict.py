@@ -23,6 +23,7 @@ from .search import Search, brought, rms
 from .significance import is_loud
 from .sticking import sticking
 from .unexplained import (
+    answering_torque,
     at_corrections,
     beyond_floor,
     beyond_samples,
@@ -239,13 +240,14 @@ def _moving(verdict: Verdict) -> Verdict:
 
 
 def _elsewhere(verdict: Verdict) -> Verdict:
-    """Whether a torque rings, or unseen recordings hold what the training does not tell of.
+    """Whether a torque answers the motion, or rings, or unseen recordings hold what the training does not tell of.
 
     A line in its spectrum is a swing, which does not need to be struck.
     """
     search, judge, fit = verdict.search, verdict.judge, verdict.fit
-    unexplained = ringing_torque(search, fit) or (judge and beyond_training(search, judge, fit))
-    if unexplained is not None and not verdict.stated:
+    answers = answering_torque(search, judge, fit)
+    unexplained = answers or ringing_torque(search, fit) or (judge and beyond_training(search, judge, fit))
+    if unexplained is not None and not answers and not verdict.stated:
         unexplained = swinging_torque(search, fit) or unexplained
     if unexplained is None:
         return verdict
