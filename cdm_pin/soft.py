@@ -22,6 +22,8 @@ DAMPING = 0.05
 """Damping ratio to start from."""
 ENOUGH = 20.0
 """What is looked at for the first comparison [s]."""
+CHANCE = 12.0
+"""What two steps have to explain of noise as large as the whole error, as a sum of squares in its units."""
 SLOWEST, FASTEST = np.array([0.6, 0.2]), np.array([1.7, 5.0])
 """By which factor coefficients may change in one step."""
 GAPS = (0.002, 0.004, 0.008, 0.016, 0.032)
@@ -86,10 +88,16 @@ def _best(
     rounds: int,
     best: int = 4,
 ) -> tuple[Search, list[Candidate]] | None:
-    """Pursue what leaves least after two steps, first on a part of a recording; give the search about the best."""
+    """Pursue what leaves least after two steps, first on a part of a recording; give the search about the best.
+
+    Where that is no less than chance makes of what rigid cables leave, none is pursued.
+    """
     short = Search(_shortened(search.problem), search.base, search.settings, search.held)
-    starts = sorted(starts, key=lambda start: _pursued(short, *start, beside, 2)[1])
-    kept = _finite(_pursued(short, *start, beside, rounds) for start in starts[:best])
+    rigid, first = short.fit(beside, short.plain), [_pursued(short, *start, beside, 2)[1] for start in starts]
+    explained = 1.0 - np.array(first, dtype=float) / max(rigid.deviance, 1e-300)
+    order = [k for k in np.argsort(-explained, kind="stable") if explained[k] * rigid.n_rows > CHANCE]
+    likely = [starts[k] for k in order[:best]]
+    kept = _finite(_pursued(short, *start, beside, rounds) for start in likely)
     others = [there for there in kept[1:] if not _alike(there, kept[0])]
     ready = _finite(_pursued(search, *there.swung[0], beside, rounds) for there in [*kept[:1], *others[:1]])
     return (ready[0], [candidate for candidate, _ in ready[0].swung]) if ready else None
