@@ -93,11 +93,11 @@ def _best(
     Where that is no less than chance makes of what rigid cables leave, none is pursued.
     """
     short = Search(_shortened(search.problem), search.base, search.settings, search.held)
-    rigid, first = short.fit(beside, short.plain), [_pursued(short, *start, beside, 2)[1] for start in starts]
+    rigid, first = short.fit(beside, short.plain), [_pursued(short, c, beta, beside, 2)[1] for c, beta in starts]
     explained = 1.0 - np.array(first, dtype=float) / max(rigid.deviance, 1e-300)
     order = [k for k in np.argsort(-explained, kind="stable") if explained[k] * rigid.n_rows > CHANCE]
     likely = [starts[k] for k in order[:best]]
-    kept = _finite(_pursued(short, *start, beside, rounds) for start in likely)
+    kept = _finite(_pursued(short, c, beta, beside, rounds) for c, beta in likely)
     others = [there for there in kept[1:] if not _alike(there, kept[0])]
     ready = _finite(_pursued(search, *there.swung[0], beside, rounds) for there in [*kept[:1], *others[:1]])
     return (ready[0], [candidate for candidate, _ in ready[0].swung]) if ready else None
