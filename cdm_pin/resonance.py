@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -32,22 +31,6 @@ SHARE = 0.5
 """Share (of squares) of a motor's error that its answer to the motion makes, in training and unseen recordings."""
 RISES = 4.0
 """Power of a residual at some frequency over that at a lower one, from which on it is asked what swings."""
-
-
-@dataclass(frozen=True)
-class Resonance:
-    """What swings on an axis.
-
-    Attributes
-    ----------
-    law : Candidate
-        Its shape is natural frequency [Hz] and damping ratio.
-    torque : float
-        Root mean square of what it brings that nothing else explains, all motors together [N m].
-    """
-
-    law: Candidate
-    torque: float
 
 
 def swing(drive: Vector, rate: float, frequency: float, damping: float) -> Vector:
@@ -104,53 +87,64 @@ SWING = Effect(
 
 
 def swings(search: Search, effects: Sequence[Candidate]) -> list[Candidate]:
-    """Give the candidate for what swings on an axis that explains most beside some effects, in white noise.
+    """Give a candidate for what swings on an axis beside some effects, if the spectrum of what is left rises."""
+    found = _likeliest(search, effects)
+    return [] if found is None else [found[0]]
+
+
+def _likeliest(search: Search, effects: Sequence[Candidate]) -> tuple[Candidate, Fit] | None:
+    """Find what swings on an axis and explains most beside some effects; give their fit in white noise, too.
 
     None where the spectrum of what a plain fit leaves does not rise anywhere, as that of no smooth law does.
     """
     if not search.problem.torque or not any(search.problem.segments):
-        return []
+        return None
     noise = left_over(search, effects, smooth=False)[1]
     if rises(noise.power)[: search.problem.model.n_motors].max() < RISES:
-        return []
+        return None
     fit = search.fit(effects, even_noise(search, effects))
     count, damping = COARSE
-    tried = []
+    tried, scores = [], []
     for place in axis_places(search.problem.model):
         low, high = SWING.bounds(search.problem.motions, place)[0]
         high = min(high, search.problem.band.cutoff)
         tried += [Candidate(SWING, place, (f, d)) for f in np.geomspace(low, high, count) for d in damping]
-    scores = []
     for candidate in tried:
         scores.append(search.score(fit, candidate).statistic)
         search.forget(candidate)
-    return [refine(search, fit, tried[int(np.argmax(scores))], rounds=3)[0]]
+    return refine(search, fit, tried[int(np.argmax(scores))], rounds=3)[0], fit
 
 
-def resonance(search: Search, judge: Search | None, fit: Fit, least: Vector) -> Resonance | None:
+def resonance(searches: Sequence[Search], fit: Fit, least: Vector) -> tuple[Candidate, float] | None:
     """Find what swings on an axis and makes most of some motor's error, in training and unseen recordings.
 
     Masses and effects are estimated anew beside it, in white noise: an autoregression takes its torque for noise.
 
     Parameters
     ----------
-    search, judge : Search
-        On the training and on unseen recordings.
+    searches : sequence of Search
+        On the training, and on unseen recordings where there are any.
     fit : Fit
     least : ndarray, shape (n_channels,)
         Errors of channels that are not worth asking of.
+
+    Returns
+    -------
+    (Candidate, float) or None
+        What swings, and the root mean square of what it brings that nothing else explains, all motors together [N m].
     """
-    for law in swings(search, fit.effects):
-        noise = even_noise(search, fit.effects)
-        without, beside = search.fit(fit.effects, noise), search.fit([*fit.effects, law], noise)
-        own = np.abs(law.place.weights(search.problem.model)) > 0.0
-        torques, told = [], []
-        for there in [search] if judge is None or not any(judge.problem.segments) else [search, judge]:
-            before, after = (rms(there, still_errors(there, f)) for f in (without, beside))
-            share = 1.0 - (after / np.maximum(before, 1e-300)) ** 2
-            told.append((share > SHARE) & (before > least))
-            torques.append(np.sqrt(np.maximum(before**2 - after**2, 0.0)))
-        heard = np.all(told, axis=0)[: len(own)] & own
-        if np.any(heard):
-            return Resonance(law, float(np.linalg.norm(torques[0][: len(own)])))
-    return None
+    found = _likeliest(searches[0], fit.effects)
+    if found is None:
+        return None
+    law, without = found
+    beside = searches[0].fit([*fit.effects, law], without.whitener)
+    own = np.abs(law.place.weights(fit.problem.model)) > 0.0
+    torques, told = [], []
+    for there in searches:
+        before, after = (rms(there, still_errors(there, f)) for f in (without, beside))
+        share = 1.0 - (after / np.maximum(before, 1e-300)) ** 2
+        told.append((share > SHARE) & (before > least))
+        torques.append(np.sqrt(np.maximum(before**2 - after**2, 0.0)))
+    if not np.any(np.all(told, axis=0)[: len(own)] & own):
+        return None
+    return law, float(np.linalg.norm(torques[0][: len(own)]))

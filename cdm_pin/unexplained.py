@@ -22,7 +22,7 @@ from .motion import Motion
 from .places import axis_places
 from .problem import Problem, Run
 from .regions import change_time
-from .resonance import SWING, resonance
+from .resonance import resonance
 from .search import Search, brought, rms
 from .signals_filters import differentiate, lowpass
 from .significance import is_loud
@@ -96,8 +96,13 @@ def at_corrections(explanation: Explanation, corrections: Sequence[Found]) -> di
     law, place = main.candidate, main.candidate.location
     nearest = [{"effect": r.effect.name, "location": r.location} for r, _ in main.rivals if r.named][:3]
     time = change_time(law, explanation.fit.beta[j], search.problem.motions[0])
-    region = law.effect.revealed_by.format(place=f"{place['kind']} {place['index']}", shape=law.shape)
-    return something(place["kind"], place["index"], region, size, time, nearest)
+    return something(place["kind"], place["index"], _region(law), size, time, nearest)
+
+
+def _region(law: Candidate) -> str:
+    """Say where and in which state a correction without a name is."""
+    place = law.location
+    return law.effect.revealed_by.format(place=f"{place['kind']} {place['index']}", shape=law.shape)
 
 
 def of_no_size(
@@ -453,14 +458,12 @@ def ringing_torque(search: Search, fit: Fit) -> dict[str, Any] | None:
 
 def answering_torque(search: Search, judge: Search | None, fit: Fit) -> dict[str, Any] | None:
     """Say on which axis something swings that its motion shakes; None where nothing does."""
-    if not search.problem.torque:
-        return None
-    found = resonance(search, judge, fit, EVIDENTLY * np.hypot(_least(search), _accuracy(search, fit)))
+    least = EVIDENTLY * np.hypot(_least(search), _accuracy(search, fit))
+    found = resonance(_searches(search, judge), fit, least)
     if found is None:
         return None
-    place = found.law.location
-    words = SWING.revealed_by.format(place=f"{place['kind']} {place['index']}", shape=found.law.shape)
-    return something(place["kind"], place["index"], words, found.torque)
+    law, size = found
+    return something(law.location["kind"], law.location["index"], _region(law), size)
 
 
 def bursting_torque(search: Search, judge: Search | None, fit: Fit) -> dict[str, Any] | None:

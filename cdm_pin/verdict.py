@@ -245,10 +245,11 @@ def _elsewhere(verdict: Verdict) -> Verdict:
     A line in its spectrum is a swing, which does not need to be struck.
     """
     search, judge, fit = verdict.search, verdict.judge, verdict.fit
-    answers = answering_torque(search, judge, fit)
-    unexplained = answers or ringing_torque(search, fit) or (judge and beyond_training(search, judge, fit))
-    if unexplained is not None and not answers and not verdict.stated:
-        unexplained = swinging_torque(search, fit) or unexplained
+    unexplained = answering_torque(search, judge, fit)
+    if unexplained is None:
+        unexplained = ringing_torque(search, fit) or (judge and beyond_training(search, judge, fit))
+        if unexplained is not None and not verdict.stated:
+            unexplained = swinging_torque(search, fit) or unexplained
     if unexplained is None:
         return verdict
     verdict = replace(verdict, unexplained=unexplained)

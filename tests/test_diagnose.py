@@ -293,16 +293,13 @@ def test_dry_friction_stands_for_a_law_that_is_not_told_from_it(tmp_path, seed, 
     assert effect in [r["effect"] for r in finding["indistinguishable_from"]]
 
 
-def slow(*values):
-    return pytest.param(*values, marks=pytest.mark.slow)
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "bits"),
     [
-        slow(202895779544438, 14),  # a ratio of two motors that takes up most of what a gain is off by
-        slow(229026444396308, 17),  # ripple of a motor that turns by a wrong map, seen by encoders of the joints alone
-        slow(1625527913126, 17),  # a delay that looks like friction at every axis
+        (202895779544438, 14),  # a ratio of two motors that takes up most of what a gain is off by
+        (229026444396308, 17),  # ripple of a motor that turns by a wrong map, seen by encoders of the joints alone
+        (1625527913126, 17),  # a delay that looks like friction at every axis
     ],
 )
 def test_three_effects_are_told_apart(tmp_path, seed, bits):

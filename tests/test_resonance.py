@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 from scipy.signal import lsim
+from trials import search_of
 
-from cdm_pin import spectra
 from cdm_pin.diagnose import diagnose
 from cdm_pin.dynamics import motor_torques
 from cdm_pin.model import load_model
 from cdm_pin.recording import Recording
-from cdm_pin.resonance import swing
-from cdm_pin.spectra import Spectrum, steepness
+from cdm_pin.resonance import resonance, swing
+from cdm_pin.spectra import Spectrum, steepness, wandering
 from cdm_pin.unexplained import STEEP
 
 ARM = load_model(Path(__file__).resolve().parent.parent / "urdf" / "planar3.yaml")
@@ -57,11 +57,22 @@ def test_a_mass_on_a_spring_is_heard_with_its_frequency(count):
     assert "swings at 1.9" in content["unexplained"]["region"]
 
 
+def test_most_of_an_error_is_asked_of_what_swings_and_of_nothing_else():
+    """Also where nothing of it is in the model yet; noise alone is no swing."""
+    search, still = (search_of(ARM, recording(0, share)) for share in (0.1, 0.0))
+    law, torque = resonance([search], search.fit([]), np.zeros(3))
+    assert law.location == {"kind": "motor", "index": 2}
+    assert law.shape[0] == pytest.approx(1.9, rel=0.02)
+    assert 0.02 < torque < 0.2
+    assert resonance([search], search.fit([]), np.full(3, 1.0)) is None
+    assert resonance([still], still.fit([]), np.zeros(3)) is None
+
+
 @pytest.mark.parametrize(("correlation", "steep"), [(0.97, False), (1.0, True)])
 def test_noise_that_forgets_within_a_second_is_not_steep(correlation, steep):
-    """Both have hundreds of times more slow power than usual; the slow power of a walk goes on rising."""
+    """Both have far more slow power than usual; the slow power of a walk goes on rising."""
     f = (np.arange(40) + 0.5) * 0.4 / 200.0  # cycles per sample of 200 Hz, up to 16 Hz
     power = 1.0 / np.abs(1.0 - correlation * np.exp(-2j * np.pi * f)) ** 2
     noise = Spectrum(f, power[None] / power[-1], np.full((1, 40), 24.0), np.full(40, 1.0 / 40.0))
-    assert spectra.wandering(noise)[0] > 50.0
+    assert wandering(noise)[0] > 50.0
     assert (steepness(noise)[0] > STEEP) == steep
