@@ -206,7 +206,8 @@ def _simplest_at(explanation: Explanation, j: int, taken: frozenset[tuple[str, s
 def _plainest(explanation: Explanation, j: int) -> Candidate:
     """Give finding `j` with the fewest coefficients with which its law is as likely; mostly it has one number of them.
 
-    A spring may have had to stiffen before all else was found.
+    A spring may have had to stiffen before all else was found; where it hardly does, its rest is not where it would be
+    softest.
     """
     search, found = explanation.search, explanation.found[j]
     own, without = found.candidate, search.without(explanation.fit, j)
@@ -214,7 +215,8 @@ def _plainest(explanation: Explanation, j: int) -> Candidate:
         return own
     fewer = [c for c in explanation.bank.laws.candidates if c.key == own.key and search.size(c) < search.size(own)]
     worth = [gain(search, without, c, search.score(without, c)) for c in fewer]
-    return own if max(worth, default=-np.inf) <= found.gain else fewer[int(np.argmax(worth))]
+    least = found.gain - _within(search, own, found.score.statistic, search.settings.close)
+    return own if max(worth, default=-np.inf) <= least else fewer[int(np.argmax(worth))]
 
 
 def _as_wide(search: Search, fit: Fit, law: Candidate, rivals: list[Candidate]) -> Candidate:
