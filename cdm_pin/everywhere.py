@@ -80,13 +80,13 @@ def rubs_everywhere(search: Search, bank: Bank, found: Sequence[Candidate], leas
     return bool(alone.deviance - law > whole)
 
 
-def everything(search: Search, bank: Bank, say: Reporter) -> Explanation:
-    """Put in whole kinds of physics first, then what else has a name and is significant with care.
+def everything(search: Search, bank: Bank, say: Reporter, start: Sequence[Candidate] = ()) -> Explanation:
+    """Put in whole kinds of physics first, beside what is evident, then what else has a name and is sure with care.
 
     Not so what changes the torques of the model itself, like gains and delays: that is no finding while the model is
     still far from the data. What moves the travel between encoders is one, as these tell it by themselves.
     """
-    accepted = kinds_first(search)
+    accepted = kinds_first(search, start)
     motion = search.problem.motions[0]
 
     def may_stand(c: Candidate) -> bool:
@@ -156,9 +156,9 @@ def at_all_axes(search: Search, names: Sequence[str]) -> list[Candidate]:
     return out
 
 
-def kinds_first(search: Search) -> list[Candidate]:
-    """Put friction, rotors, hysteresis and springs in everywhere; leave what the data ask for."""
-    effects = widened(search, at_all_axes(search, FRICTION))
+def kinds_first(search: Search, start: Sequence[Candidate] = ()) -> list[Candidate]:
+    """Put friction, rotors, hysteresis and springs in everywhere, beside others; leave what the data ask for."""
+    effects = widened(search, [*start, *at_all_axes(search, FRICTION)])
     for more in (at_all_axes(search, ("rotor_inertia",)), slips(search)):
         effects = needed(search, [*effects, *more])
     return needed(search, sprung(search, effects))

@@ -18,7 +18,7 @@ from .plainness import peaked, peakless, placed, plainer, repelled, simplest, wh
 from .polishing import all_late
 from .pruning import coupled, prune, pruned, warmed
 from .resonance import swings
-from .rubbing import rubbing
+from .rubbing import evident_delay, rubbing
 from .search import Search
 from .settling import settled
 
@@ -61,8 +61,12 @@ def explain(
             if c.key not in but and (search.drift is None or c.effect.name != WANDERS)
         ]
     )
-    accepted = list(start)
-    if not start and (common := [c for c in rubbing(search, bank) if c.key not in but]):
+    accepted, late = list(start), []
+    if not start:
+        search, late = evident_delay(search, but)
+        if late:
+            accepted, bank = late, search.renewed(bank)
+    if not start and (common := [c for c in rubbing(search, bank, late) if c.key not in but]):
         search, bank, accepted = adjusted(search, bank, common, clear_noise(search, common))
         search.settings = replace(search.settings, most=search.settings.most + len(accepted))  # faults beside it
     turns = 1 + search.most // search.settings.at_once
@@ -71,7 +75,7 @@ def explain(
         before = {c.key for c in accepted}
         search, bank, grown = grow(search, bank, accepted, say)
         if not turn and grown and rubs_everywhere(search, bank, grown):
-            return everything(search, bank, say)
+            return everything(search, bank, say, late)
         accepted = patch(search, bank, grown) or grown
         if accepted is grown:
             if len(grown) < search.settings.at_once or {c.key for c in grown} == before:

@@ -560,10 +560,17 @@ def canonical_correlation(search: Search, without: Fit, a: Candidate, b: Candida
 
 
 def same_elsewhere(search: Search, explanation: Explanation, j: int) -> list[Location]:
-    """List where finding `j` is the same for any motion: at what turns alike, unless an error of the map is found."""
-    if any(c.effect.follows for c in explanation.fit.effects):
+    """List where finding `j` is the same for any motion: at what turns alike, unless an error of its map is found."""
+    own, model = explanation.found[j].candidate, search.problem.model
+    if any(_parts(c) and shares_motor(own, c, model) for c in explanation.fit.effects):
         return []
-    return [dict(twin.location) for twin in twins(explanation.found[j].candidate, search.problem.model)]
+    return [dict(twin.location) for twin in twins(own, model)]
+
+
+def _parts(candidate: Candidate) -> bool:
+    """Whether a joint and its motor do not turn at one ratio where this is found."""
+    stretches = candidate.effect.moves is not None and candidate.location["kind"] == "cable"
+    return stretches or candidate.effect.name in MAPS
 
 
 def indistinguishable(search: Search, explanation: Explanation, j: int) -> list[dict[str, Any]]:

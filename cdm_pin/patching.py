@@ -156,7 +156,7 @@ def unpatched(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Se
     """Leave out the corrections without a name if the laws, estimated anew without them, ask for none.
 
     One that came early may have taken up what a law's shape was off by, and held it there; one that explains less than
-    the laws in its place may be wrong by is none.
+    the laws in its place may be wrong by is none, nor is one without which all is likelier.
     """
     named = [c for c in accepted if c.named]
     if not named or len(named) == len(accepted):
@@ -167,7 +167,8 @@ def unpatched(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Se
         fit = alone.fit(laws, clear_noise(alone, laws))
         own = [j for j, c in enumerate(laws) if shares_motor(c, left, search.problem.model)]
         worth = [laws[j].effect.error ** 2 * alone.score(alone.without(fit, j), laws[j]).statistic for j in own]
-        if alone.score(fit, left).statistic > sum(worth):
+        asked = alone.score(fit, left).statistic > sum(worth)
+        if asked and likelihood(search, accepted) > likelihood(alone, laws):
             return search, accepted
     return alone, laws
 

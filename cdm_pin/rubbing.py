@@ -1,33 +1,63 @@
-"""Arms on which most axes rub: friction at all of them is where the search starts.
+"""Arms on which most axes rub: friction at all of them is where the search starts, with a delay that is evident.
 
 Found one after another, each law would take over what those not yet found will explain. Where dry and viscous friction
 of most axes together explain far more than any one or two laws, they are put in at once, and what the data do not ask
-for is taken out again.
+for is taken out again. A logger that is late passes for drag, rotors and hysteresis everywhere, as long as it is not among
+them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from .bank import Bank
 from .candidates import Candidate
-from .everywhere import LOUD, RUBBING, apart, at_all_axes, needed, widened
+from .effects import CATALOGUE
+from .everywhere import FRICTION, LOUD, RUBBING, apart, at_all_axes, needed, widened
 from .fit import Fit
 from .leaders import leading
 from .leftover import clear_noise
-from .places import axis_places
+from .masses import about
+from .places import axis_places, delay_places
 from .search import Search
+from .shapes import refine
 
 MOST = 0.6
 """Axes that rub, over motors, that are most of them."""
+FIRST = 0.01
+"""Delay to start from [s]."""
+EVIDENT, SHARED = 0.5, 0.8
+"""Share of what friction leaves over that an evident delay explains; and of what a delay of each motor's own does."""
 
 
-def rubbing(search: Search, bank: Bank) -> list[Candidate]:
-    """Give the friction to start from; none where one or two laws of a bank explain as much, or few axes rub."""
+def evident_delay(search: Search, but: frozenset[tuple[str, str]]) -> tuple[Search, list[Candidate]]:
+    """Find the delay of the whole logger that explains most of what friction at all axes leaves over, if one does."""
+    model = search.problem.model
+    loggers = [Candidate(CATALOGUE["time_delay"], place, (FIRST,)) for place in delay_places(model)]
+    if not search.problem.torque or model.n_motors < 2 or loggers[0].key in but:  # of one motor alone, much looks late
+        return search, []
+    common = widened(search, at_all_axes(search, FRICTION))
+    beside = search.fit(common, clear_noise(search, common))
+    there = about(search, beside)
+    logger, *own = (refine(there, beside, c, 3)[0] for c in loggers)
+    for _ in range(3):
+        there = about(search, there.fit([*common, logger], beside.whitener))
+        beside = there.fit(common, beside.whitener)
+        logger, score = refine(there, beside, logger, 3)
+    if score.statistic < max(LOUD * model.n_motors, EVIDENT * beside.deviance):
+        return search, []
+    each = there.fit([*common, *own], beside.whitener)
+    return (there, [logger]) if score.statistic > SHARED * (beside.deviance - each.deviance) else (search, [])
+
+
+def rubbing(search: Search, bank: Bank, start: Sequence[Candidate] = ()) -> list[Candidate]:
+    """Give the friction to start from, beside what is found; none where one or two laws explain as much, or few rub."""
     if not search.problem.torque:
         return []
     model = search.problem.model
     axes = apart(axis_places(model), model)
-    clear = search.fit([], clear_noise(search, []))
-    common = [c for c in at_all_axes(search, RUBBING) if c.place in axes]
+    clear = search.fit(start, clear_noise(search, start))
+    common = [*start, *(c for c in at_all_axes(search, RUBBING) if c.place in axes)]
     whole = search.fit(common, clear.whitener)
     if clear.deviance - whole.deviance < LOUD * len(common):
         return []
@@ -44,7 +74,7 @@ def rubbing(search: Search, bank: Bank) -> list[Candidate]:
 def _by_two(search: Search, bank: Bank, fit: Fit) -> float:
     """Give the sum of squares that the best two laws leave, or the best correction without a name."""
     patches = [score.statistic for _, score, _ in leading(search, fit, bank, 1, named=False)]
-    laws: list[Candidate] = []
+    laws = list(fit.effects)
     beside = fit
     for _ in range(2):
         laws += [c for c, _, _ in leading(search, beside, bank, 1, laws)]

@@ -15,6 +15,7 @@ from .geometry import Vector
 from .pushes import LIKELY, edged
 from .scores import Score
 from .search import Search
+from .sensor_effects import DELAYS
 from .whitening import Whitener
 
 SHORTEST = 1e-4  # [s] of delays
@@ -33,7 +34,7 @@ def refine(
     """
     if not candidate.effect.counts:
         for _ in range(3 * rounds):
-            delay = max(float(search.score(fit, candidate).beta[0]), SHORTEST)
+            delay = float(np.clip(search.score(fit, candidate).beta[0], SHORTEST, DELAYS[1]))
             search.forget(candidate)
             candidate = replace(candidate, shape=(delay, *candidate.shape[1:]))
         return candidate, search.score(fit, candidate)
