@@ -16,7 +16,7 @@ from .leftover import clear_noise, tones
 from .patching import beside_looser, has_a_name, outdone, patch, renamed, unpatched
 from .plainness import peaked, peakless, placed, plainer, repelled, simplest, whole
 from .polishing import all_late
-from .pruning import coupled, prune, pruned, warmed
+from .pruning import coupled, prune, pruned, uncoupled, warmed
 from .resonance import swings
 from .rubbing import evident_delay, rubbing
 from .search import Search
@@ -75,7 +75,7 @@ def explain(
         before = {c.key for c in accepted}
         search, bank, grown = grow(search, bank, accepted, say)
         if not turn and grown and rubs_everywhere(search, bank, grown):
-            return everything(search, bank, say, late)
+            return replace(uncoupled(everything(search, bank, say, late)), everywhere=True)
         accepted = patch(search, bank, grown) or grown
         if accepted is grown:
             if len(grown) < search.settings.at_once or {c.key for c in grown} == before:
@@ -106,4 +106,4 @@ def explain(
 def finished(search: Search, bank: Bank, accepted: list[Candidate]) -> Explanation:
     """Explain by what was found, in the plainest words that are as likely."""
     explanation = plainer(renamed(explained(search, bank, accepted)))
-    return whole(repelled(coupled(pruned(warmed(peakless(peaked(simplest(placed(explanation)))))))))
+    return whole(repelled(coupled(placed(uncoupled(pruned(warmed(peakless(peaked(simplest(placed(explanation)))))))))))

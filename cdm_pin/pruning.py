@@ -7,13 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from .candidates import Candidate
+from .everywhere import RUBBING
 from .explanation import Explanation, estimated, explained, with_effects
 from .fit import Fit, own_covariance
 from .friction_effects import DRAG_RATIO
-from .likelihood import REFINING, has_ratio, likelihood
+from .likelihood import REFINING, gain, has_ratio, likelihood
 from .search import Search
 from .settling import settled
 from .significance import holds
+
+SINGLY = 0.02
+"""Share of what laws at ratios of their own explain by which friction along single axes in their place may be wrong."""
 
 
 def prune(search: Search, accepted: list[Candidate]) -> list[Candidate]:
@@ -91,6 +95,50 @@ def coupled(explanation: Explanation) -> Explanation:
         if likelihood(there, laws) >= own:
             return coupled(explained(there, there.renewed(explanation.bank), laws))
     return explanation
+
+
+def uncoupled(explanation: Explanation) -> Explanation:
+    """Let dry and viscous friction along single axes stand for what turns at a ratio of its own, where they do as well.
+
+    At a ratio of its own one law is as many in one, whose common errors that ratio takes up.
+    """
+    search, accepted = explanation.search, [f.candidate for f in explanation.found]
+    odd = [f for f in explanation.found if has_ratio(f.candidate) and f.candidate.named]
+    own = likelihood(search, accepted) if odd else 0.0
+    for group in ([odd] if len(odd) > 1 else []) + [[f] for f in odd]:
+        rest = [c for c in accepted if all(c is not f.candidate for f in group)]
+        plain = _rubbing_beside(explanation, rest, [f.candidate for f in group])
+        if not plain:
+            continue
+        there, laws = settled(search, [*rest, *plain], rounds=4)
+        room = search.settings.within(sum(f.score.statistic for f in group), SINGLY)
+        if own - likelihood(there, laws) < room:
+            return uncoupled(explained(there, there.renewed(explanation.bank), laws))
+    return explanation
+
+
+def _rubbing_beside(explanation: Explanation, rest: list[Candidate], odd: list[Candidate]) -> list[Candidate]:
+    """Give the dry and viscous friction, of axes that meet those of some laws, that explain most without them."""
+    search, whitener, out = explanation.search, explanation.fit.whitener, list[Candidate]()
+    taken = {c.dry.key for c in rest} | {c.key for c in rest}
+    model = search.problem.model
+    turned = sum(np.abs(c.place.weights(model)) for c in odd)
+    near = [
+        c
+        for c in explanation.bank.laws.candidates
+        if c.effect.name in RUBBING
+        and not c.place.is_pair
+        and c.key not in taken
+        and np.abs(c.place.weights(model)) @ turned
+    ]
+    while near:
+        fit = search.fit([*rest, *out], whitener)
+        worth = [gain(search, fit, c, search.score(fit, c)) for c in near]
+        best = int(np.argmax(worth))
+        if worth[best] <= 0.0:
+            break
+        out.append(near.pop(best))
+    return out
 
 
 def undivided(explanation: Explanation) -> Explanation:

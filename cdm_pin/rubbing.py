@@ -2,8 +2,8 @@
 
 Found one after another, each law would take over what those not yet found will explain. Where dry and viscous friction
 of most axes together explain far more than any one or two laws, they are put in at once, and what the data do not ask
-for is taken out again. A logger that is late passes for drag, rotors and hysteresis everywhere, as long as it is not among
-them.
+for is taken out again. A logger that is late passes for drag, rotors and hysteresis everywhere, as long as it is not
+among them.
 """
 
 from __future__ import annotations
