@@ -88,6 +88,20 @@ def test_friction_at_one_axis_is_not_everywhere(model):
     assert not rubs_everywhere(search, search.bank(all_candidates(search.problem)), [])
 
 
+@pytest.mark.parametrize(("late", "found"), [((5, 5, 5), [0.025]), ((0, 0, 0), []), ((0, 5, 0), [])])
+def test_a_delay_of_the_logger_is_told_from_friction(model, late, found):
+    """It is evident where it explains most of what friction leaves, and no motor asks for another one of its own."""
+    recording = run(model, 4)
+    torque = recording.channels["motor_torque"]
+    delayed = np.column_stack([np.roll(torque[:, k], steps) for k, steps in enumerate(late)])[5:]
+    kept = {"motor_position": recording.channels["motor_position"][5:], "motor_torque": delayed}
+    search = search_of(model, replace(recording, time=recording.time[5:], channels=kept), make_band(RATE, 8.0))
+    loggers = friction_first.evident_delay(search, frozenset())[1]
+    assert [c.location for c in loggers] == [{"kind": "system"}] * len(found)
+    assert [c.shape[0] for c in loggers] == pytest.approx(found, abs=1e-3)
+    assert not friction_first.evident_delay(search, frozenset(c.key for c in loggers))[1]
+
+
 @pytest.mark.parametrize("axes", [3, 2, 1])
 def test_the_search_starts_from_friction_of_most_axes(model, axes):
     """Friction at one axis alone is no start: two laws explain all of it."""

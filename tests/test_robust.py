@@ -31,7 +31,7 @@ from cdm_pin.diagnose import diagnose
 from cdm_pin.doubts import instants, offsets, sides, stretches, unsure_stretches
 from cdm_pin.dynamics import inverse_dynamics
 from cdm_pin.effects import CATALOGUE
-from cdm_pin.explanation import Found, _nearly_brakes, unsound
+from cdm_pin.explanation import Found, _nearly_brakes, explained, unsound
 from cdm_pin.findings import absorbed, is_above_steps, is_known, is_plainer, sizes_in_errors, with_law_errors
 from cdm_pin.friction_effects import dahl, dragged
 from cdm_pin.likelihood import confined, likelihood_ratio
@@ -51,7 +51,7 @@ from cdm_pin.sensor_noise import SensorNoise, motion_limit
 from cdm_pin.settings import Settings
 from cdm_pin.shapes import _white_slopes, loosened, yielding
 from cdm_pin.signals import prepare
-from cdm_pin.signals_filters import window_length
+from cdm_pin.signals_filters import lowpass, window_length
 from cdm_pin.spectra import Spectrum, spectrum
 from cdm_pin.unexplained import _is_one, is_far, ringing_torque, wandering_travel
 from cdm_pin.wording import clause
@@ -803,6 +803,31 @@ def test_a_coupling_takes_in_the_friction_of_its_motors(monkeypatch, alone, kept
 
     found = pruning.coupled(listed([pair, coupling])).found
     assert len(found) == kept and (kept == 2 or found[0].candidate is coupling)
+
+
+def test_friction_of_one_axis_is_no_coupling(tmp_path):
+    """A coupling says as much at a ratio near none, with fewer laws; what turns with another joint stays one."""
+    settings = {"effects": 0, "positions": "motor", "n_links": 2, "noise": "white", "bits": 17, "duration": 20.0}
+    model, (recording,), _, _ = loaded_trial(tmp_path, 3, **settings)
+    rate = 1.0 / np.median(np.diff(recording.time))
+    speed = np.gradient(lowpass(recording.channels["motor_position"], rate, 12.0), 1.0 / rate, axis=0)
+    joint = speed @ model.joint_from_motor[0]
+    for ratio in (0.0, 0.4):
+        turns = speed[:, 1] + ratio * joint
+        rub = 0.3 * np.tanh(turns / 0.02) + 0.2 * turns
+        torque = recording.channels["motor_torque"] + rub[:, None] * np.array([0.0, 1.0])
+        search = search_of(model, replace(recording, channels=recording.channels | {"motor_torque": torque}))
+        coupling = next(
+            Candidate(c.effect, c.place, (0.02, ratio + 0.01, 1.0))
+            for c in all_candidates(search.problem, ["transmission_coupling"])
+            if c.location == {"kind": "motor", "index": 2, "joint": 1} and c.shape[2]
+        )
+        names = ["transmission_coupling", "viscous_friction", "coulomb_friction", "time_delay"]
+        bank = search.bank(all_candidates(search.problem, names))
+        laws = pruning.uncoupled(explained(search, bank, [coupling])).found
+        said = {(f.candidate.effect.name, f.candidate.location["index"]) for f in laws}
+        plain = {("viscous_friction", 2), ("coulomb_friction", 2)}
+        assert said == (plain if not ratio else {("transmission_coupling", 2)})
 
 
 @pytest.mark.parametrize(("damping", "gives"), [(0.0, True), (0.02, True), (3.0, False), (-3.0, False)])
