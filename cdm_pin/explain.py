@@ -16,7 +16,7 @@ from .leftover import clear_noise, tones
 from .patching import beside_looser, has_a_name, outdone, patch, renamed, unpatched
 from .plainness import peaked, peakless, placed, plainer, repelled, simplest, whole
 from .polishing import all_late
-from .pruning import coupled, prune, pruned, uncoupled, warmed
+from .pruning import coupled, prune, pruned, singly, uncoupled, warmed
 from .resonance import swings
 from .rubbing import evident_delay, rubbing
 from .search import Search
@@ -96,6 +96,7 @@ def explain(
         if len(more) > len(accepted):
             search, accepted = settled(there, prune(there, more))
     search, accepted = unpatched(search, bank, accepted)
+    search, accepted = singly(search, search.renewed(bank), accepted)
     bank = search.renewed(bank)
     better = outdone(search, bank, accepted)
     explanation = finished(search, bank, better)

@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from .bank import Bank
 from .candidates import Candidate
 from .everywhere import RUBBING
 from .explanation import Explanation, estimated, explained, with_effects
 from .fit import Fit, own_covariance
 from .friction_effects import DRAG_RATIO
+from .leftover import clear_noise
 from .likelihood import REFINING, gain, has_ratio, likelihood
 from .search import Search
 from .settling import settled
@@ -98,39 +100,42 @@ def coupled(explanation: Explanation) -> Explanation:
 
 
 def uncoupled(explanation: Explanation) -> Explanation:
-    """Let dry and viscous friction along single axes stand for what turns at a ratio of its own, where they do as well.
+    """Let friction along single axes stand for what turns at a ratio of its own, where it does as well (`singly`)."""
+    accepted = [f.candidate for f in explanation.found]
+    search, laws = singly(explanation.search, explanation.bank, accepted)
+    return explanation if laws is accepted else explained(search, search.renewed(explanation.bank), laws)
+
+
+def singly(search: Search, bank: Bank, accepted: list[Candidate]) -> tuple[Search, list[Candidate]]:
+    """Put dry and viscous friction along single axes in the place of what turns at a ratio of its own, if as likely.
 
     At a ratio of its own one law is as many in one, whose common errors that ratio takes up.
     """
-    search, accepted = explanation.search, [f.candidate for f in explanation.found]
-    odd = [f for f in explanation.found if has_ratio(f.candidate) and f.candidate.named]
-    own = likelihood(search, accepted) if odd else 0.0
-    for group in ([odd] if len(odd) > 1 else []) + [[f] for f in odd]:
-        rest = [c for c in accepted if all(c is not f.candidate for f in group)]
-        plain = _rubbing_beside(explanation, rest, [f.candidate for f in group])
+    odd = [j for j, c in enumerate(accepted) if has_ratio(c) and c.named]
+    if not odd:
+        return search, accepted
+    own, fit = likelihood(search, accepted), search.fit(accepted)
+    worth = {j: search.score(search.without(fit, j), accepted[j]).statistic for j in odd}
+    for group in ([odd] if len(odd) > 1 else []) + [[j] for j in odd]:
+        rest = [c for j, c in enumerate(accepted) if j not in group]
+        plain = _rubbing_beside(search, bank, rest, [accepted[j] for j in group])
         if not plain:
             continue
         there, laws = settled(search, [*rest, *plain], rounds=4)
-        room = search.settings.within(sum(f.score.statistic for f in group), SINGLY)
+        room = search.settings.within(sum(worth[j] for j in group), SINGLY)
         if own - likelihood(there, laws) < room:
-            return uncoupled(explained(there, there.renewed(explanation.bank), laws))
-    return explanation
+            return singly(there, there.renewed(bank), laws)
+    return search, accepted
 
 
-def _rubbing_beside(explanation: Explanation, rest: list[Candidate], odd: list[Candidate]) -> list[Candidate]:
+def _rubbing_beside(search: Search, bank: Bank, rest: list[Candidate], odd: list[Candidate]) -> list[Candidate]:
     """Give the dry and viscous friction, of axes that meet those of some laws, that explain most without them."""
-    search, whitener, out = explanation.search, explanation.fit.whitener, list[Candidate]()
-    taken = {c.dry.key for c in rest} | {c.key for c in rest}
-    model = search.problem.model
+    out: list[Candidate] = []
+    taken, model = {c.dry.key for c in rest} | {c.key for c in rest}, search.problem.model
     turned = sum(np.abs(c.place.weights(model)) for c in odd)
-    near = [
-        c
-        for c in explanation.bank.laws.candidates
-        if c.effect.name in RUBBING
-        and not c.place.is_pair
-        and c.key not in taken
-        and np.abs(c.place.weights(model)) @ turned
-    ]
+    plain = [c for c in bank.laws.candidates if c.effect.name in RUBBING and not c.place.is_pair]
+    near = [c for c in plain if c.key not in taken and np.abs(c.place.weights(model)) @ turned > 1e-9]
+    whitener = clear_noise(search, [*rest, *odd])
     while near:
         fit = search.fit([*rest, *out], whitener)
         worth = [gain(search, fit, c, search.score(fit, c)) for c in near]
