@@ -28,7 +28,13 @@ EVIDENT = 5.0
 """By how much log-evidence more a refinement is named that has more parameters than its likelihood seems to pay for."""
 PASSAGE = 0.02
 """Share of friction below which its sign's passage through zero, as measured, shows no peak."""
-FINER = {"stribeck_friction": PASSAGE, "cable_slack": 0.05, "position_dependent_friction": 0.03}
+FINER = {
+    "stribeck_friction": PASSAGE,
+    "cable_slack": 0.05,
+    "asymmetric_friction": 0.05,
+    "position_dependent_friction": 0.03,
+    "friction_drift": 0.03,
+}
 """Share by which a law may be wrong that is a special case of one named here; the stiffness of a spring varies."""
 WRONG = 0.1
 """Share of its torque by which no law is wrong."""

@@ -58,6 +58,8 @@ CONTACT = 0.1
 ANY, VAGUE, DRIFTING = 1.0, 2.0, 3.0
 """Standard errors, by unseen recordings too, up to which a finding is none, beside something unexplained, and where it
 is a zero, which drifts, and not loud."""
+AS_MUCH = 0.25
+"""Share by which pushes of a joint may differ that are as large as each other."""
 
 Values = dict[str, dict[str, Any]]
 
@@ -279,17 +281,36 @@ def _unsized(verdict: Verdict) -> Verdict:
 
 def _odd(verdict: Verdict) -> Verdict:
     """Whether something loud was found with parameters that no such law has: it is another, and spoils what is near."""
+    odd = [j for j, values in verdict.fitted.items() if fi.is_odd(verdict.explanation.found[j], values)]
+    return _of_another_law(verdict, odd, "by a law like one that is known, with parameters that none has")
+
+
+def _recurring(verdict: Verdict) -> Verdict:
+    """Whether a joint is pushed time and again by as much: what comes back is a law that is not known."""
+    effects, stated = verdict.fit.effects, verdict.stated
+    torque = {j: v["torque"]["value"] for j, v in stated.items() if effects[j].effect.name == "external_torque"}
+
+    def is_back(i: int, j: int) -> bool:
+        alike = abs(torque[i] - torque[j]) < AS_MUCH * max(abs(torque[i]), abs(torque[j]))
+        return i != j and alike and effects[i].location == effects[j].location
+
+    return _of_another_law(
+        verdict, [j for j in torque if any(is_back(i, j) for i in torque)], "by pushes that come back"
+    )
+
+
+def _of_another_law(verdict: Verdict, which: Sequence[int], words: str) -> Verdict:
+    """Take their names from some findings, and from what is near them and does not outweigh them."""
     found = verdict.explanation.found
-    odd = [j for j, values in verdict.fitted.items() if fi.is_odd(found[j], values)]
-    unexplained = of_no_size(verdict.explanation, odd, "by a law like one that is known, with parameters that none has")
+    unexplained = of_no_size(verdict.explanation, which, words)
     if unexplained is None:
         return verdict
-    most = fi.OUTWEIGHS * max(found[j].score.statistic for j in odd)
+    most = fi.OUTWEIGHS * max(found[j].score.statistic for j in which)
 
     def stands(j: int) -> bool:
-        pairs = [(found[j].candidate, found[i].candidate) for i in odd]
+        pairs = [(found[j].candidate, found[i].candidate) for i in which]
         near = any(shares_motor(a, b, verdict.model) or shares_motor(b, a, verdict.model) for a, b in pairs)
-        return j not in odd and (found[j].score.statistic > most or not near)
+        return j not in which and (found[j].score.statistic > most or not near)
 
     return replace(verdict, unexplained=unexplained).keeping(stands)
 
@@ -397,6 +418,7 @@ GATES: Sequence[Callable[[Verdict], Verdict]] = (
     _shared,
     _unsized,
     _odd,
+    _recurring,
     _contact,
     _own_torque,
     _loud,

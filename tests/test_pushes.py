@@ -3,11 +3,13 @@
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from trials import search_of, two_tones
 
+from cdm_pin import verdict
 from cdm_pin.candidates import Candidate
 from cdm_pin.diagnose import diagnose
 from cdm_pin.dynamics import motor_torques
@@ -162,3 +164,21 @@ def test_a_motion_that_gets_quicker_keeps_its_accelerations_behind_coarse_encode
     torque = motor_torques(ARM, q, v, a) + 0.03 * rng.standard_normal(q.shape)
     rounded = Recording(T, {"joint_position": np.round(q / step) * step, "motor_torque": torque})
     assert make_problem(ARM, [rounded]).band.slow > last.max()
+
+
+@pytest.mark.parametrize(
+    ("pushes", "back"),
+    [
+        ([(1, 2.3), (1, 2.4)], [0, 1]),
+        ([(1, 2.3), (1, -2.4)], []),
+        ([(1, 2.3), (2, 2.4)], []),
+        ([(1, 2.3), (1, 1.2), (2, 2.3), (2, 2.2)], [2, 3]),
+    ],
+)
+def test_a_push_that_comes_back_is_none(monkeypatch, pushes, back):
+    """Who pushes twice does not push twice as much; a torque that is cut off where a motor has no more does."""
+    push = SimpleNamespace(name="external_torque")
+    effects = [SimpleNamespace(effect=push, location={"kind": "joint", "index": joint}) for joint, _ in pushes]
+    stated = {j: {"torque": {"value": torque}} for j, (_, torque) in enumerate(pushes)}
+    monkeypatch.setattr(verdict, "_of_another_law", lambda verdict, which, words: which)
+    assert verdict._recurring(SimpleNamespace(fit=SimpleNamespace(effects=effects), stated=stated)) == back
