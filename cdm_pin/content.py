@@ -54,7 +54,8 @@ def content_of(verdict: Verdict, rigid: Fit) -> dict[str, Any]:
     """
     model, search, judge, fit = verdict.model, verdict.search, verdict.judge, verdict.fit
     unexplained = verdict.unexplained
-    if unexplained and not (search.problem.torque and search.problem.kinematic):  # of torques and travel at once: none
+    both = search.problem.torque and search.problem.kinematic  # what is of torques and travel at once has no unit
+    if unexplained and "unit" not in unexplained and not both:
         own = "N m" if search.problem.torque else "rad"
         unexplained = unexplained | {"unit": unit_at(model, unexplained["location"], own)}
     return {

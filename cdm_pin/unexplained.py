@@ -27,6 +27,7 @@ from .search import Search, brought, rms
 from .signals_filters import differentiate, lowpass
 from .significance import is_loud
 from .spectra import rises, steepness, tone_peaks, wandering
+from .units import unit_at
 from .unseen import deviance_unseen
 from .walking import walking_noise
 from .whitening import Segments, rms_judged
@@ -76,6 +77,10 @@ ONE, TOGETHER = 0.9, 0.9
 """Shares of what swings, in units of its noise, that one place makes up, or that is in phase, where it is no hum."""
 HIGHEST = 20.0
 """Frequency up to which a line is taken for a disturbance of the arm [Hz]; above it mains and amplifiers hum."""
+
+
+ERROR = "whose error"
+"""What unseen recordings have that is off, where it is that of their torques."""
 
 
 def noise_floor(search: Search, effects: Sequence[Candidate] = ()) -> Vector:
@@ -303,12 +308,21 @@ def beyond_training(search: Search, judge: Search, fit: Fit, limit: float = 4.0)
     worst = int(np.argmax(times))
     if times[worst] < limit:
         return None
-    model = judge.problem.model
-    place = {"kind": "motor", "index": worst % model.n_motors + 1}
-    if judge.problem.torque:
+    model, index = judge.problem.model, worst % judge.problem.model.n_motors + 1
+    place, error = {"kind": "motor", "index": index}, ERROR
+    if judge.problem.kinematic and worst >= model.n_motors * judge.problem.torque:
+        place["kind"] = between_encoders(model)
+        error = f"where the error of the travel of {place['kind']} {index} between its encoders"
+    elif judge.problem.torque:
         place = _place_of(np.concatenate(_inside(rest, judge.problem), axis=1), model)
-    words = f"in unseen recordings alone, whose error is {size[worst] / floor[worst]:.1f} times the noise"
-    return something(place["kind"], place["index"], words, float(size[worst]))
+    words = f"in unseen recordings alone, {error} is {size[worst] / floor[worst]:.1f} times the noise"
+    said = something(place["kind"], place["index"], words, float(size[worst]))
+    return said if error == ERROR else said | {"unit": unit_at(model, place, "rad")}
+
+
+def between_encoders(model: CableModel) -> str:
+    """Say of what kind it is that travels between two encoders."""
+    return "cable" if model.manipulator.links else "motor"
 
 
 def _searches(search: Search, judge: Search | None) -> list[Search]:
@@ -412,9 +426,10 @@ def wandering_travel(search: Search, fit: Fit) -> dict[str, Any] | None:
             leaps += _leaps_of(e[m + worst, a:b], run.motion.time[:: problem.band.step][a:b], rate)
     most = max([abs(step) for _, step in leaps], default=0.0)
     times = ", ".join(f"{t:.1f}" for t, step in sorted(leaps) if abs(step) > 0.5 * most)
-    kind = "cable" if problem.model.manipulator.links else "motor"
+    kind = between_encoders(problem.model)
     words = f"travel of {kind} {worst + 1} between its encoders that moves by itself, most at {times} s"
-    return something(kind, worst + 1, words, float(noise.rms[m + worst]))
+    said = something(kind, worst + 1, words, float(noise.rms[m + worst]))
+    return said | {"unit": unit_at(problem.model, said["location"], "rad")}
 
 
 def _leaps_of(x: Vector, time: Vector, rate: float, most: int = 6) -> list[tuple[float, float]]:
