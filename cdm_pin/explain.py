@@ -75,7 +75,7 @@ def explain(
         before = {c.key for c in accepted}
         search, bank, grown = grow(search, bank, accepted, say)
         if not turn and grown and rubs_everywhere(search, bank, grown):
-            return replace(uncoupled(everything(search, bank, say, late)), everywhere=True)
+            return everything(search, bank, say, late)
         accepted = patch(search, bank, grown) or grown
         if accepted is grown:
             if len(grown) < search.settings.at_once or {c.key for c in grown} == before:
