@@ -19,6 +19,7 @@ from .leaders import leading
 from .leftover import clear_noise
 from .masses import about
 from .places import axis_places, delay_places
+from .scores import Score
 from .search import Search
 from .shapes import refine
 
@@ -28,6 +29,8 @@ FIRST = 0.01
 """Delay to start from [s]."""
 EVIDENT, SHARED = 0.5, 0.8
 """Share of what friction leaves over that an evident delay explains; and of what a delay of each motor's own does."""
+LIKELY = 0.3
+"""Share of that beside signs of one width, from which on it is worth a closer look."""
 
 
 def evident_delay(search: Search, but: frozenset[tuple[str, str]]) -> tuple[Search, list[Candidate]]:
@@ -36,7 +39,11 @@ def evident_delay(search: Search, but: frozenset[tuple[str, str]]) -> tuple[Sear
     loggers = [Candidate(CATALOGUE["time_delay"], place, (FIRST,)) for place in delay_places(model)]
     if not search.problem.torque or model.n_motors < 2 or loggers[0].key in but:  # of one motor alone, much looks late
         return search, []
-    common = widened(search, at_all_axes(search, FRICTION))
+    common = at_all_axes(search, FRICTION)
+    beside = search.fit(common, clear_noise(search, common))
+    if not _explains(refine(about(search, beside), beside, loggers[0], 1)[1], beside, LIKELY * EVIDENT, model.n_motors):
+        return search, []
+    common = widened(search, common)
     beside = search.fit(common, clear_noise(search, common))
     there = about(search, beside)
     logger, *own = (refine(there, beside, c, 3)[0] for c in loggers)
@@ -44,10 +51,15 @@ def evident_delay(search: Search, but: frozenset[tuple[str, str]]) -> tuple[Sear
         there = about(search, there.fit([*common, logger], beside.whitener))
         beside = there.fit(common, beside.whitener)
         logger, score = refine(there, beside, logger, 3)
-    if score.statistic < max(LOUD * model.n_motors, EVIDENT * beside.deviance):
+    if not _explains(score, beside, EVIDENT, model.n_motors):
         return search, []
     each = there.fit([*common, *own], beside.whitener)
     return (there, [logger]) if score.statistic > SHARED * (beside.deviance - each.deviance) else (search, [])
+
+
+def _explains(score: Score, beside: Fit, share: float, motors: int) -> bool:
+    """Whether what is scored explains a share of what a fit leaves over, and something loud at each motor."""
+    return score.statistic > max(LOUD * motors, share * beside.deviance)
 
 
 def rubbing(search: Search, bank: Bank, start: Sequence[Candidate] = ()) -> list[Candidate]:
