@@ -61,14 +61,13 @@ def explain(
             if c.key not in but and (search.drift is None or c.effect.name != WANDERS)
         ]
     )
-    accepted, late = list(start), []
+    accepted, late = list(start), list[Candidate]()
     if not start:
         search, late = evident_delay(search, but)
-        if late:
-            accepted, bank = late, search.renewed(bank)
-    if not start and (common := [c for c in rubbing(search, bank, late) if c.key not in but]):
-        search, bank, accepted = adjusted(search, bank, common, clear_noise(search, common))
-        search.settings = replace(search.settings, most=search.settings.most + len(accepted))  # faults beside it
+        bank, accepted = search.renewed(bank), late
+        if common := [c for c in rubbing(search, bank, late) if c.key not in but]:
+            search, bank, accepted = adjusted(search, bank, common, clear_noise(search, common))
+            search.settings = replace(search.settings, most=search.settings.most + len(accepted))  # faults beside it
     turns = 1 + search.most // search.settings.at_once
     for turn in range(turns):
         say("searching", 0.1 + 0.8 * turn / turns)

@@ -10,23 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .bank import Bank
+from .bank import Bank, all_candidates
 from .candidates import Candidate
-from .effects import CATALOGUE
 from .everywhere import FRICTION, LOUD, RUBBING, apart, at_all_axes, needed, widened
 from .fit import Fit
 from .leaders import leading
 from .leftover import clear_noise
 from .masses import about
-from .places import axis_places, delay_places
-from .scores import Score
+from .places import axis_places
 from .search import Search
 from .shapes import refine
 
 MOST = 0.6
 """Axes that rub, over motors, that are most of them."""
-FIRST = 0.01
-"""Delay to start from [s]."""
 EVIDENT, SHARED = 0.5, 0.8
 """Share of what friction leaves over that an evident delay explains; and of what a delay of each motor's own does."""
 LIKELY = 0.3
@@ -35,13 +31,14 @@ LIKELY = 0.3
 
 def evident_delay(search: Search, but: frozenset[tuple[str, str]]) -> tuple[Search, list[Candidate]]:
     """Find the delay of the whole logger that explains most of what friction at all axes leaves over, if one does."""
-    model = search.problem.model
-    loggers = [Candidate(CATALOGUE["time_delay"], place, (FIRST,)) for place in delay_places(model)]
-    if not search.problem.torque or model.n_motors < 2 or loggers[0].key in but:  # of one motor alone, much looks late
+    motors = search.problem.model.n_motors
+    loggers = all_candidates(search.problem, ["time_delay"])
+    if not search.problem.torque or motors < 2 or loggers[0].key in but:  # of one motor alone, much looks late
         return search, []
     common = at_all_axes(search, FRICTION)
     beside = search.fit(common, clear_noise(search, common))
-    if not _explains(refine(about(search, beside), beside, loggers[0], 1)[1], beside, LIKELY * EVIDENT, model.n_motors):
+    first = refine(about(search, beside), beside, loggers[0], 1)[1]
+    if first.statistic <= max(LOUD * motors, LIKELY * EVIDENT * beside.deviance):
         return search, []
     common = widened(search, common)
     beside = search.fit(common, clear_noise(search, common))
@@ -51,15 +48,9 @@ def evident_delay(search: Search, but: frozenset[tuple[str, str]]) -> tuple[Sear
         there = about(search, there.fit([*common, logger], beside.whitener))
         beside = there.fit(common, beside.whitener)
         logger, score = refine(there, beside, logger, 3)
-    if not _explains(score, beside, EVIDENT, model.n_motors):
-        return search, []
-    each = there.fit([*common, *own], beside.whitener)
-    return (there, [logger]) if score.statistic > SHARED * (beside.deviance - each.deviance) else (search, [])
-
-
-def _explains(score: Score, beside: Fit, share: float, motors: int) -> bool:
-    """Whether what is scored explains a share of what a fit leaves over, and something loud at each motor."""
-    return score.statistic > max(LOUD * motors, share * beside.deviance)
+    each = beside.deviance - there.fit([*common, *own], beside.whitener).deviance
+    evident = score.statistic > max(LOUD * motors, EVIDENT * beside.deviance, SHARED * each)
+    return (there, [logger]) if evident else (search, [])
 
 
 def rubbing(search: Search, bank: Bank, start: Sequence[Candidate] = ()) -> list[Candidate]:

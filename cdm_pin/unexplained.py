@@ -79,10 +79,6 @@ HIGHEST = 20.0
 """Frequency up to which a line is taken for a disturbance of the arm [Hz]; above it mains and amplifiers hum."""
 
 
-ERROR = "whose error"
-"""What unseen recordings have that is off, where it is that of their torques."""
-
-
 def noise_floor(search: Search, effects: Sequence[Candidate] = ()) -> Vector:
     """Estimate each channel's noise in the band without a law, shape (n_channels,).
 
@@ -308,21 +304,21 @@ def beyond_training(search: Search, judge: Search, fit: Fit, limit: float = 4.0)
     worst = int(np.argmax(times))
     if times[worst] < limit:
         return None
-    model, index = judge.problem.model, worst % judge.problem.model.n_motors + 1
-    place, error = {"kind": "motor", "index": index}, ERROR
-    if judge.problem.kinematic and worst >= model.n_motors * judge.problem.torque:
-        place["kind"] = between_encoders(model)
-        error = f"where the error of the travel of {place['kind']} {index} between its encoders"
-    elif judge.problem.torque:
-        place = _place_of(np.concatenate(_inside(rest, judge.problem), axis=1), model)
-    words = f"in unseen recordings alone, {error} is {size[worst] / floor[worst]:.1f} times the noise"
-    said = something(place["kind"], place["index"], words, float(size[worst]))
-    return said if error == ERROR else said | {"unit": unit_at(model, place, "rad")}
+    model, times_noise = judge.problem.model, f"{size[worst] / floor[worst]:.1f} times the noise"
+    if judge.problem.kinematic and (cable := worst - model.n_motors * judge.problem.torque) >= 0:
+        words = f"in unseen recordings alone, where the error of the {{travel}} is {times_noise}"
+        return _on_travel(model, cable + 1, words, float(size[worst]))
+    place = _place_of(np.concatenate(_inside(rest, judge.problem), axis=1), model)
+    words = f"in unseen recordings alone, whose error is {times_noise}"
+    return something(place["kind"], place["index"], words, float(size[worst]))
 
 
-def between_encoders(model: CableModel) -> str:
-    """Say of what kind it is that travels between two encoders."""
-    return "cable" if model.manipulator.links else "motor"
+def _on_travel(model: CableModel, index: int, words: str, size: float) -> dict[str, Any]:
+    """Say what is of one motor's travel between encoders, named in words, in that travel's unit."""
+    place = {"kind": "cable" if model.manipulator.links else "motor", "index": index}
+    travel = f"travel of {place['kind']} {index} between its encoders"
+    said = something(place["kind"], index, words.format(travel=travel), size)
+    return said | {"unit": unit_at(model, place, "rad")}
 
 
 def _searches(search: Search, judge: Search | None) -> list[Search]:
@@ -426,10 +422,8 @@ def wandering_travel(search: Search, fit: Fit) -> dict[str, Any] | None:
             leaps += _leaps_of(e[m + worst, a:b], run.motion.time[:: problem.band.step][a:b], rate)
     most = max([abs(step) for _, step in leaps], default=0.0)
     times = ", ".join(f"{t:.1f}" for t, step in sorted(leaps) if abs(step) > 0.5 * most)
-    kind = between_encoders(problem.model)
-    words = f"travel of {kind} {worst + 1} between its encoders that moves by itself, most at {times} s"
-    said = something(kind, worst + 1, words, float(noise.rms[m + worst]))
-    return said | {"unit": unit_at(problem.model, said["location"], "rad")}
+    words = f"{{travel}} that moves by itself, most at {times} s"
+    return _on_travel(problem.model, worst + 1, words, float(noise.rms[m + worst]))
 
 
 def _leaps_of(x: Vector, time: Vector, rate: float, most: int = 6) -> list[tuple[float, float]]:

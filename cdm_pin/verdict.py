@@ -294,9 +294,8 @@ def _recurring(verdict: Verdict) -> Verdict:
         alike = abs(torque[i] - torque[j]) < AS_MUCH * max(abs(torque[i]), abs(torque[j]))
         return i != j and alike and effects[i].location == effects[j].location
 
-    return _of_another_law(
-        verdict, [j for j in torque if any(is_back(i, j) for i in torque)], "by pushes that come back"
-    )
+    back = [j for j in torque if any(is_back(i, j) for i in torque)]
+    return _of_another_law(verdict, back, "by pushes that come back")
 
 
 def _of_another_law(verdict: Verdict, which: Sequence[int], words: str) -> Verdict:
