@@ -12,6 +12,7 @@ from .effect_shapes import greatest_load, reach, sign_width
 from .geometry import Vector
 from .motion import Motion
 from .places import is_whole_cable
+from .reversing import reversing
 
 
 class Presliding(float):
@@ -25,10 +26,10 @@ GIVES = (1 / 64, 4.0)
 
 
 def _sign(motion: Motion, place: Place, shape: Shape) -> Vector:
+    error = motion.position_error(np.array(place.A), np.array(place.B))
     if isinstance(shape[0], Presliding):
-        band = motion.position_error(np.array(place.A), np.array(place.B))
-        return dahl(dragged(position_along(motion, place), band), shape[0])
-    return np.tanh(speed_along(motion, place) / shape[0])
+        return dahl(dragged(position_along(motion, place), error), shape[0])
+    return reversing(position_along(motion, place), speed_along(motion, place), shape[0], error)
 
 
 def sign_transitions(motion: Motion, place: Place, shape: Shape, scale: float) -> list[Vector]:

@@ -10,6 +10,8 @@ from scipy.special import binom
 
 POINTS = 9
 """Samples of which a derivative is taken."""
+BARELY_WRITTEN = 0.05
+"""Share of a step below which the last digit that is written does not hide it."""
 
 
 def _stencils(points: int) -> np.ndarray:
@@ -447,4 +449,14 @@ def quantisation_step(x: np.ndarray, tolerance: float = 1e-3) -> float:
     near = differences[differences < 50 * step]
     step = float(np.sum(near) / np.sum(np.round(near / step)))
     off = np.abs(differences / step - np.round(differences / step))
-    return step if np.mean(off < max(tolerance, resolution / step)) > 0.99 else 0.0
+    written = _last_digit(levels) / step
+    written = 1.01 * written if written < BARELY_WRITTEN else 0.0  # two numbers were rounded by half a digit each
+    return step if np.mean(off < max(tolerance, resolution / step, written)) > 0.99 else 0.0
+
+
+def _last_digit(x: np.ndarray) -> float:
+    """Give the last decimal digit that numbers were written with; zero where they have as many as a double."""
+    for digits in range(13):
+        if np.all(np.abs(x - np.round(x, digits)) < 1e-9 * 10.0**-digits + 1e-15 * np.abs(x)):
+            return 10.0**-digits
+    return 0.0

@@ -16,12 +16,13 @@ from .geometry import Vector
 from .model import CableModel
 from .motion import Motion
 from .places import Place, pair_places, rub_places
+from .reversing import stopped
 
 HOLD = 0.25
 """Time [s] for which an axis has to rest, so that it stands and does not turn."""
 CREEPS, BLURRED, ERRORS = 0.005, 0.1, 4.0
 """Shares of an axis's speed (rms) up to which it rests: at least, and at most where errors of positions hide more."""
-OFTEN, MOSTLY = 0.1, 0.85
+OFTEN, MOSTLY = 0.02, 0.85
 """Shares of the time between which an axis rests now and then: friction alone sticks for less, more is no motion."""
 REACH = 1.0
 """Periods of the band's edge by which what happens at rest is spread."""
@@ -143,7 +144,8 @@ def standing(motion: Motion, valid: np.ndarray, rate: float) -> list[Still]:
     model = motion.model
 
     def when(A: Vector, B: Vector) -> np.ndarray:
-        return rests(motion.q @ A + motion.q_m @ B, valid, rate, motion.position_error(A, B))
+        position, error = motion.q @ A + motion.q_m @ B, motion.position_error(A, B)
+        return rests(position, valid, rate, error) | (stopped(position, error) & valid)
 
     alone = [when(np.array(place.A), np.array(place.B)) for place in rub_places(model)]
     motors = [when(np.zeros(model.n_joints), own) for own in np.eye(model.n_motors)]

@@ -1,0 +1,124 @@
+"""Reversals: an axis that stops before it turns back is held, and friction goes from one side to the other meanwhile.
+
+Dry friction is anything between its limits at rest. What drives the axis back grows while it stands, so the friction
+that holds it does, about evenly. Passing through zero without a stop, a position is a parabola: it stays within four
+times a distance for twice as long as within that distance. What it stays longer than that is the stop.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from .geometry import Vector
+
+NEAR, SHARE = 4.0, 1e-4
+"""How near a position is where it turns: in errors of encoders, and in its range at least."""
+FARTHER = 4.0
+"""Times that distance, at which it has left; what is uniformly accelerated takes twice the time."""
+STOPS = 0.3
+"""Share of the time within that distance from which on an axis stood rather than passed."""
+
+
+class Stop(NamedTuple):
+    """A stop before a position turns back.
+
+    Attributes
+    ----------
+    begin, end : float
+        Samples between which it stands.
+    first, last : int
+        Samples between which it is near.
+    way : float
+        1 if it came from below, else -1.
+    """
+
+    begin: float
+    end: float
+    first: int
+    last: int
+    way: float
+
+
+def reversing(position: Vector, velocity: Vector, width: float, error: float) -> Vector:
+    """Give the sign of a velocity, with stops between motions of both directions passed evenly.
+
+    Parameters
+    ----------
+    position, velocity : ndarray, shape (n,)
+        [rad], [rad/s].
+    width : float
+        Of the smooth sign, tanh(velocity / width) [rad/s].
+    error : float
+        Standard deviation of the position's error [rad].
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    sign = np.tanh(velocity / width)
+    for stop in stops(position, error):
+        k = np.arange(stop.first, stop.last + 1)
+        sign[k] = stop.way * (1.0 - 2.0 * np.clip((k - stop.begin) / (stop.end - stop.begin), 0.0, 1.0))
+    return sign
+
+
+def stopped(position: Vector, error: float) -> np.ndarray:
+    """Tell in which samples a position stands before it turns back, shape (n,)."""
+    out = np.zeros(len(position), bool)
+    for stop in stops(position, error):
+        out[int(np.ceil(stop.begin)) : int(np.floor(stop.end)) + 1] = True
+    return out
+
+
+def stops(position: Vector, error: float) -> list[Stop]:
+    """Find where a position stops before it turns back.
+
+    Parameters
+    ----------
+    position : ndarray, shape (n,)
+        [rad].
+    error : float
+        Standard deviation of its error [rad].
+    """
+    near = max(NEAR * error, SHARE * float(np.ptp(position)))
+    if near <= 0.0:
+        return []
+    found = _stops(np.ascontiguousarray(position), near, FARTHER * near, STOPS)
+    return [Stop(begin, end, int(first), int(last), way) for begin, end, first, last, way in found]
+
+
+@numba.njit(cache=True)
+def _left(x, start, step, distance):
+    """Find when, in samples, a position has moved by a distance from where it is at a sample, before or after it."""
+    k = start
+    while 0 <= k + step < len(x):
+        before, after = abs(x[k] - x[start]), abs(x[k + step] - x[start])
+        if after > distance:
+            return k + step * min(max((distance - before) / (after - before), 0.0), 1.0)
+        k += step
+    return -1.0
+
+
+@numba.njit(cache=True)
+def _stops(x, near, far, share):
+    """Give begin, end, first and last sample of the surroundings, and direction before, of every stop."""
+    found = []
+    k = 1
+    while k < len(x) - 1:
+        if (x[k + 1] - x[k]) * (x[k] - x[k - 1]) > 0.0:
+            k += 1
+            continue
+        a2, a1, b1, b2 = _left(x, k, -1, far), _left(x, k, -1, near), _left(x, k, 1, near), _left(x, k, 1, far)
+        if a2 < 0.0 or b2 < 0.0:
+            k += 1
+            continue
+        first, last = int(np.ceil(a2)), int(np.floor(b2))
+        before, after = x[k] - x[first - 1], x[last + 1] - x[k]
+        begin, end = 2.0 * a1 - a2, 2.0 * b1 - b2
+        if before * after < 0.0 and end - begin > share * (b2 - a2):
+            found.append((begin, end, float(first), float(last), np.sign(before)))
+        k = max(last, k) + 1
+    return found
