@@ -19,6 +19,10 @@ class Presliding(float):
     """Distance within which dry friction gives before it slides, in the place of the width of a sign [rad]."""
 
 
+class Sliding(float):
+    """Width of a sign [rad/s] whose coordinate is taken to slide throughout, also where it stops."""
+
+
 PRESLIDING = (0.02, 0.1)
 """Distances within which dry friction may give before it slides, over the width of its sign [s]."""
 GIVES = (1 / 64, 4.0)
@@ -26,10 +30,12 @@ GIVES = (1 / 64, 4.0)
 
 
 def _sign(motion: Motion, place: Place, shape: Shape) -> Vector:
-    error = motion.position_error(np.array(place.A), np.array(place.B))
+    if isinstance(shape[0], Sliding):
+        return np.tanh(speed_along(motion, place) / shape[0])
+    x, error = position_along(motion, place), motion.position_error(np.array(place.A), np.array(place.B))
     if isinstance(shape[0], Presliding):
-        return dahl(dragged(position_along(motion, place), error), shape[0])
-    return reversing(position_along(motion, place), speed_along(motion, place), shape[0], error)
+        return dahl(dragged(x, error), shape[0])
+    return reversing(x, speed_along(motion, place), shape[0], error)
 
 
 def sign_transitions(motion: Motion, place: Place, shape: Shape, scale: float) -> list[Vector]:

@@ -141,16 +141,18 @@ def holding_axes(search: Search) -> frozenset[int]:
     along = {k: places[k].weights(problem.model) / size for k in problem.resting}
     pairs = frozenset(k for k in problem.resting if places[k].is_pair)
 
+    def at_rest(k: int, live: np.ndarray) -> np.ndarray:
+        return resting[k] & live[along[k] != 0.0].all(axis=0)
+
+    def power_of(k: int, z: Vector, there: np.ndarray) -> float:
+        felt = along[k] != 0.0
+        mean = z[felt][:, there] @ z[felt][:, there].T / there.sum()
+        unit = along[k][felt] / np.linalg.norm(along[k])
+        return float(np.linalg.eigvalsh(mean)[-1] if k in pairs else unit @ mean @ unit)
+
     def worst(among: Iterable[int], z: Vector, live: np.ndarray) -> tuple[float, int]:
-        times = [(0.0, -1)]
-        for k in among:
-            felt = along[k] != 0.0
-            there = resting[k] & live[felt].all(axis=0)
-            if there.sum() >= FEW:
-                mean = z[felt][:, there] @ z[felt][:, there].T / there.sum()
-                unit = along[k][felt] / np.linalg.norm(along[k])
-                times.append((np.linalg.eigvalsh(mean)[-1] if k in pairs else unit @ mean @ unit, k))
-        return max(times)
+        rests = ((k, at_rest(k, live)) for k in among)
+        return max([(0.0, -1), *((power_of(k, z, there), k) for k, there in rests if there.sum() >= FEW)])
 
     holding: frozenset[int] = frozenset()
     while True:
@@ -158,7 +160,7 @@ def holding_axes(search: Search) -> frozenset[int]:
         z = errors_and_freedom(live, size)[0] / size[:, None]
         power, k = worst(problem.resting - pairs - holding, z, live)
         both, pair = worst(pairs - holding, z, live)
-        if both > MORE * power:
+        if both > MORE * power and (k < 0 or both > MORE * power_of(k, z, at_rest(pair, live))):
             power, k = both, pair
         if power < AT_REST**2:
             return holding

@@ -21,7 +21,7 @@ from .recording import Recording
 from .regressor import motor_regressor
 from .sensor_noise import SensorNoise, inertia_limit, inertia_noise, motion_limit, position_noise, speeds, travel_noise
 from .signals import Signals, decimated, prepare, read_grid
-from .signals_filters import differentiate, lowpass
+from .signals_filters import differentiate, lowpass, noise_floor
 from .standstill import Still, judged, resting_axes, standing
 from .whitening import Lines, Segments, Stretches
 
@@ -507,8 +507,8 @@ def rounding_errors(signals: Signals) -> dict[str, Vector]:
     Keys are the logged sides, ``joint_position`` and ``motor_position``.
     """
     return {
-        side: np.where(signals.steps[side] > 0.0, signals.steps[side] / np.sqrt(12.0), noise)
-        for side, noise in signals.noise.items()
+        side: np.where(signals.steps[side] > 0.0, signals.steps[side] / np.sqrt(12.0), noise_floor(x, signals.rate))
+        for side, x in signals.logged.items()
         if side in ("joint_position", "motor_position")
     }
 

@@ -20,6 +20,7 @@ import numpy as np
 from .candidates import Candidate, loaded, torque_of
 from .completed import effect_candidates
 from .errors import ShapeError
+from .friction_effects import Sliding
 from .geometry import Vector
 from .model import CableModel
 from .motion import Motion
@@ -303,7 +304,7 @@ class _Parts:
 
     def _level(self, candidate: Candidate, beta: Vector) -> Vector | None:
         """Level of a friction along the record: its torque with a sharp sign, less that sign."""
-        sharp = Candidate(candidate.effect, candidate.place, (EXACT, *candidate.shape[1:]))
+        sharp = Candidate(candidate.effect, candidate.place, (Sliding(EXACT), *candidate.shape[1:]))
         v, v_m = (np.where(x == 0.0, 1e3 * EXACT, x) for x in (self.motion.v, self.motion.v_m))  # at rest: either sign
         moving = replace(self.motion, v=v, v_m=v_m)
         columns = sharp.raw_columns(moving)

@@ -431,11 +431,7 @@ def _with_period(signals: Signals, notices: list[str]) -> Signals:
         deviations.append({name: np.maximum(x, rounding[name]) for name, x in periods.deviation.items()})
     if np.sum(periods.count > 1) < 0.25 * len(periods.count):
         return replace(signals, period=period)
-    noise = {
-        name: np.minimum(x, signals.noise[name]) if name in _POSITIONS else x  # motion that differs is no sensor's noise
-        for name, x in deviations[0].items()
-    }
-    return replace(signals, period=period, noise=noise, floor=deviations[1])
+    return replace(signals, period=period, noise=deviations[0], floor=deviations[1])
 
 
 def logged_steps(recording: Recording) -> dict[str, np.ndarray]:

@@ -24,7 +24,7 @@ CREEPS, BLURRED, ERRORS = 0.005, 0.1, 4.0
 """Shares of an axis's speed (rms) up to which it rests: at least, and at most where errors of positions hide more."""
 OFTEN, MOSTLY = 0.02, 0.85
 """Shares of the time between which an axis rests now and then: friction alone sticks for less, more is no motion."""
-REACH = 0.5
+REACH = 0.75
 """Periods of the band's edge by which what happens at rest is spread."""
 LEAST = 0.05
 """Share of its samples that a motor keeps, or all are judged."""
