@@ -507,8 +507,8 @@ def rounding_errors(signals: Signals) -> dict[str, Vector]:
     Keys are the logged sides, ``joint_position`` and ``motor_position``.
     """
     return {
-        side: np.where(signals.steps[side] > 0.0, signals.steps[side] / np.sqrt(12.0), noise_floor(x, signals.rate))
-        for side, x in signals.logged.items()
+        side: np.where(signals.steps[side] > 0.0, signals.steps[side] / np.sqrt(12.0), noise)
+        for side, noise in signals.noise.items()
         if side in ("joint_position", "motor_position")
     }
 
@@ -519,7 +519,10 @@ def _position_errors(model: CableModel, signals: Signals, sharp: float, parted: 
     Nothing of a side that follows from the other: of motors where they do not move apart from logged joints.
     """
     share = np.sqrt(min(2.0 * sharp / signals.rate, 1.0))
-    own = rounding_errors(signals)
+    own = {  # what differs from period to period may be motion
+        side: np.minimum(error, noise_floor(signals.logged[side], signals.rate, steps=signals.steps[side]))
+        for side, error in rounding_errors(signals).items()
+    }
     joints = share * own.get("joint_position", np.zeros(model.n_joints))
     motors = share * own.get("motor_position", np.zeros(model.n_motors))
     return joints, motors if parted or "joint_position" not in own else np.zeros_like(motors)
