@@ -65,14 +65,6 @@ def reversing(position: Vector, velocity: Vector, width: float, error: float) ->
     return sign
 
 
-def stopped(position: Vector, error: float) -> np.ndarray:
-    """Tell in which samples a position stands before it turns back, shape (n,)."""
-    out = np.zeros(len(position), bool)
-    for stop in stops(position, error):
-        out[int(np.ceil(stop.begin)) : int(np.floor(stop.end)) + 1] = True
-    return out
-
-
 def stops(position: Vector, error: float) -> list[Stop]:
     """Find where a position stops before it turns back.
 

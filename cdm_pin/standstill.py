@@ -16,7 +16,7 @@ from .geometry import Vector
 from .model import CableModel
 from .motion import Motion
 from .places import Place, pair_places, rub_places
-from .reversing import stopped
+from .reversing import stops
 
 HOLD = 0.25
 """Time [s] for which an axis has to rest, so that it stands and does not turn."""
@@ -24,8 +24,10 @@ CREEPS, BLURRED, ERRORS = 0.005, 0.1, 4.0
 """Shares of an axis's speed (rms) up to which it rests: at least, and at most where errors of positions hide more."""
 OFTEN, MOSTLY = 0.02, 0.85
 """Shares of the time between which an axis rests now and then: friction alone sticks for less, more is no motion."""
-REACH = 0.75
-"""Periods of the band's edge by which what happens at rest is spread."""
+REACH, NEARLY = 1.0, 0.5
+"""Periods of the band's edge by which what happens at rest is spread, and by which what is nearly known there is."""
+BRIEF = 0.5
+"""How long a stop before a way back may last for friction to pass it evenly, so that it is nearly known [s]."""
 LEAST = 0.05
 """Share of its samples that a motor keeps, or all are judged."""
 FELT = 0.05
@@ -41,10 +43,13 @@ class Still:
     felt : ndarray, shape (n_motors,)
         How much of its friction each motor feels.
     when : ndarray of bool, shape (n,)
+    brief : ndarray of bool, shape (n,)
+        Those of them that belong to brief stops before it turns back.
     """
 
     felt: Vector
     when: np.ndarray
+    brief: np.ndarray
 
 
 def rests(position: Vector, valid: np.ndarray, rate: float, error: float) -> np.ndarray:
@@ -106,22 +111,25 @@ def judged(still: Sequence[Still], valid: np.ndarray, band: Band, axes: frozense
     """
     if not axes:
         return None
-    resting = np.zeros((len(still[0].felt), len(valid)), bool)
+    resting, briefly = np.zeros((2, len(still[0].felt), len(valid)), bool)
     for k in axes:
         own = still[k]
         if np.mean(own.when[valid]) < MOSTLY:
-            resting[own.felt > FELT * own.felt.max()] |= own.when
-    if not resting.any():
+            felt = own.felt > FELT * own.felt.max()
+            resting[felt] |= own.when & ~own.brief
+            briefly[felt] |= own.brief
+    if not (resting | briefly).any():
         return None
-    live = np.logical_not(maximum_filter1d(resting, reach(band), axis=1))
+    spread = [maximum_filter1d(x, reach(band, y), axis=1) for x, y in ((resting, REACH), (briefly, NEARLY))]
+    live = np.logical_not(spread[0] | spread[1])
     live[np.mean(live[:, valid], axis=1) < LEAST] = True
     live = live[:, :: band.step]
     return None if live.all() else live
 
 
-def reach(band: Band) -> int:
+def reach(band: Band, periods: float = REACH) -> int:
     """Count the samples over which the band spreads what happens at rest."""
-    return 2 * round(REACH * band.rate / band.cutoff) + 1
+    return 2 * round(periods * band.rate / band.cutoff) + 1
 
 
 def standing_places(model: CableModel) -> list[Place]:
@@ -143,12 +151,21 @@ def standing(motion: Motion, valid: np.ndarray, rate: float) -> list[Still]:
     """
     model = motion.model
 
-    def when(A: Vector, B: Vector) -> np.ndarray:
+    def when(A: Vector, B: Vector) -> tuple[np.ndarray, np.ndarray]:
         position, error = motion.q @ A + motion.q_m @ B, motion.position_error(A, B)
-        return rests(position, valid, rate, error) | (stopped(position, error) & valid)
+        turning, short = np.zeros((2, len(position)), bool)
+        for stop in stops(position, error):
+            turning[int(np.ceil(stop.begin)) : int(stop.end) + 1] = True
+            if stop.end - stop.begin <= BRIEF * rate:  # with how much earlier and later it may seem to rest
+                short[max(int(stop.begin - HOLD * rate), 0) : int(stop.end + HOLD * rate) + 1] = True
+        rest = (rests(position, valid, rate, error) | turning) & valid
+        return rest, rest & short
 
     alone = [when(np.array(place.A), np.array(place.B)) for place in rub_places(model)]
     motors = [when(np.zeros(model.n_joints), own) for own in np.eye(model.n_motors)]
-    both = [motors[i] & motors[k] for i, k in (place.index for place in pair_places(model))]
+    both = []
+    for i, k in (place.index for place in pair_places(model)):
+        rest = motors[i][0] & motors[k][0]
+        both.append((rest, rest & (motors[i][1] | motors[k][1])))
     places = standing_places(model)
-    return [Still(np.abs(p.weights(model)), own) for p, own in zip(places, [*alone, *both], strict=True)]
+    return [Still(np.abs(p.weights(model)), *own) for p, own in zip(places, [*alone, *both], strict=True)]
