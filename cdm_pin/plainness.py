@@ -32,7 +32,7 @@ FINER = {
     "stribeck_friction": PASSAGE,
     "cable_slack": 0.05,
     "asymmetric_friction": 0.05,
-    "position_dependent_friction": 0.03,
+    "position_dependent_friction": 0.05,
     "friction_drift": 0.03,
 }
 """Share by which a law may be wrong that is a special case of one named here; the stiffness of a spring varies."""

@@ -83,15 +83,22 @@ def stops(position: Vector, error: float) -> list[Stop]:
 
 
 @numba.njit(cache=True)
-def _left(x, start, step, distance):
-    """Find when, in samples, a position has moved by a distance from where it is at a sample, before or after it."""
+def _passes(x, start, step, level, distance, outwards):
+    """Find when, in samples, a position passes a distance from a level, on the way out or in from a sample."""
     k = start
     while 0 <= k + step < len(x):
-        before, after = abs(x[k] - x[start]), abs(x[k + step] - x[start])
-        if after > distance:
-            return k + step * min(max((distance - before) / (after - before), 0.0), 1.0)
+        here, there = abs(x[k] - level), abs(x[k + step] - level)
+        if (there > distance) == outwards:
+            return k + step * min(max((distance - here) / (there - here), 0.0), 1.0) if there != here else k
         k += step
     return -1.0
+
+
+@numba.njit(cache=True)
+def _surroundings(x, k, level, far):
+    """Give the first and the last sample around one between which a position is no farther from a level; -1 if none."""
+    before, after = _passes(x, k, -1, level, far, True), _passes(x, k, 1, level, far, True)
+    return (int(np.ceil(before)), int(np.floor(after))) if before >= 0.0 and after >= 0.0 else (-1, -1)
 
 
 @numba.njit(cache=True)
@@ -103,14 +110,23 @@ def _stops(x, near, far, share):
         if (x[k + 1] - x[k]) * (x[k] - x[k - 1]) > 0.0:
             k += 1
             continue
-        a2, a1, b1, b2 = _left(x, k, -1, far), _left(x, k, -1, near), _left(x, k, 1, near), _left(x, k, 1, far)
-        if a2 < 0.0 or b2 < 0.0:
+        first, last = _surroundings(x, k, x[k], far)
+        if first < 1:
             k += 1
             continue
-        first, last = int(np.ceil(a2)), int(np.floor(b2))
-        before, after = x[k] - x[first - 1], x[last + 1] - x[k]
-        begin, end = 2.0 * a1 - a2, 2.0 * b1 - b2
-        if before * after < 0.0 and end - begin > share * (b2 - a2):
-            found.append((begin, end, float(first), float(last), np.sign(before)))
+        way = np.sign(x[k] - x[first - 1])
+        if way * (x[last + 1] - x[k]) > 0.0:  # it went on, or noise alone turned it back
+            k = max(int(_passes(x, k, 1, x[k], near, True)), k) + 1
+            continue
+        farthest = first + np.argmax(way * x[first : last + 1])
+        part = x[first : last + 1]
+        level = np.median(part[way * (x[farthest] - part) < 2.0 * near])
+        first, last = _surroundings(x, farthest, level, far)
+        if first >= 1:
+            a1, b1 = _passes(x, first - 1, 1, level, near, False), _passes(x, last + 1, -1, level, near, False)
+            a2, b2 = _passes(x, first, -1, level, far, True), _passes(x, last, 1, level, far, True)
+            begin, end = 2.0 * a1 - a2, 2.0 * b1 - b2
+            if end - begin > share * (b2 - a2):
+                found.append((begin, end, float(first), float(last), way))
         k = max(last, k) + 1
     return found

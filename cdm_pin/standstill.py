@@ -26,7 +26,7 @@ OFTEN, MOSTLY = 0.02, 0.85
 """Shares of the time between which an axis rests now and then: friction alone sticks for less, more is no motion."""
 REACH, NEARLY = 1.0, 0.5
 """Periods of the band's edge by which what happens at rest is spread, and by which what is nearly known there is."""
-BRIEF = 0.5
+BRIEF = 0.3
 """How long a stop before a way back may last for friction to pass it evenly, so that it is nearly known [s]."""
 LEAST = 0.05
 """Share of its samples that a motor keeps, or all are judged."""

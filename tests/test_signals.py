@@ -488,3 +488,12 @@ def test_a_derivative_is_exact_for_polynomials_of_eighth_degree(n):
     powers = np.arange(1, 9)
     found = differentiate(np.sum(x[:, None] ** powers / powers, axis=1), (n - 1) / 2)
     assert np.allclose(found, np.sum(x[:, None] ** (powers - 1), axis=1), rtol=0, atol=1e-10 * n)
+
+
+@pytest.mark.parametrize("digits", [6, 7, 12])
+def test_steps_are_seen_behind_rounded_digits(digits):
+    """An encoder of 14 bits, logged with a few digits after the point: multiples of its step but for the last digit."""
+    step = 2 * np.pi / 2**14
+    x = np.round(np.round(np.sin(np.linspace(0.0, 20.0, 4000)) / step) * step, digits)
+    found = quantisation_step(x)
+    assert found == pytest.approx(step, rel=1e-3)

@@ -155,7 +155,7 @@ def test_unseen_recordings_are_judged_as_those_learned_from():
     model = load_model(ARM)
     often, seldom = point_to_point(model, 4), point_to_point(model, 5)
     t = seldom.time
-    q = seldom.channels["joint_position"] + np.where(np.abs(t - 30.0) > 0.6, 0.05 * np.sin(9.0 * t), 0.0)[:, None]
+    q = seldom.channels["joint_position"] + np.where(np.abs(t - 30.0) > 0.4, 0.05 * np.sin(9.0 * t), 0.0)[:, None]
     moving = replace(seldom, channels=seldom.channels | {"joint_position": q})
     problem = make_problem(model, [often])
     assert problem.resting
