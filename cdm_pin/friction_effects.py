@@ -35,7 +35,7 @@ def _sign(motion: Motion, place: Place, shape: Shape) -> Vector:
     x, error = position_along(motion, place), motion.position_error(np.array(place.A), np.array(place.B))
     if isinstance(shape[0], Presliding):
         return dahl(dragged(x, error), shape[0])
-    return reversing(x, speed_along(motion, place), shape[0], error)
+    return reversing(x, speed_along(motion, place), shape[0], error, motion.rate)
 
 
 def sign_transitions(motion: Motion, place: Place, shape: Shape, scale: float) -> list[Vector]:

@@ -1,4 +1,4 @@
-"""Reversals: an axis that stops before it turns back is held, and friction goes from one side to the other meanwhile.
+"""Reversals: an axis that stops briefly before it turns back is held, and friction goes from one side to the other meanwhile.
 
 Dry friction is anything between its limits at rest. What drives the axis back grows while it stands, so the friction
 that holds it does, about evenly. Passing through zero without a stop, a position is a parabola: it stays within four
@@ -20,6 +20,8 @@ FARTHER = 4.0
 """Times that distance, at which it has left; what is uniformly accelerated takes twice the time."""
 STOPS = 0.3
 """Share of the time within that distance from which on an axis stood rather than passed."""
+BRIEF = 0.3
+"""How long friction holds what is driven back [s]; what stands longer is at rest, and nobody drives it."""
 
 
 class Stop(NamedTuple):
@@ -42,7 +44,7 @@ class Stop(NamedTuple):
     way: float
 
 
-def reversing(position: Vector, velocity: Vector, width: float, error: float) -> Vector:
+def reversing(position: Vector, velocity: Vector, width: float, error: float, rate: float) -> Vector:
     """Give the sign of a velocity, with stops between motions of both directions passed evenly.
 
     Parameters
@@ -53,20 +55,22 @@ def reversing(position: Vector, velocity: Vector, width: float, error: float) ->
         Of the smooth sign, tanh(velocity / width) [rad/s].
     error : float
         Standard deviation of the position's error [rad].
+    rate : float
+        [Hz].
 
     Returns
     -------
     ndarray, shape (n,)
     """
     sign = np.tanh(velocity / width)
-    for stop in stops(position, error):
+    for stop in stops(position, error, rate):
         k = np.arange(stop.first, stop.last + 1)
         sign[k] = stop.way * (1.0 - 2.0 * np.clip((k - stop.begin) / (stop.end - stop.begin), 0.0, 1.0))
     return sign
 
 
-def stops(position: Vector, error: float) -> list[Stop]:
-    """Find where a position stops before it turns back.
+def stops(position: Vector, error: float, rate: float) -> list[Stop]:
+    """Find where a position stops briefly before it turns back.
 
     Parameters
     ----------
@@ -74,12 +78,15 @@ def stops(position: Vector, error: float) -> list[Stop]:
         [rad].
     error : float
         Standard deviation of its error [rad].
+    rate : float
+        [Hz].
     """
     near = max(NEAR * error, SHARE * float(np.ptp(position)))
     if near <= 0.0:
         return []
     found = _stops(np.ascontiguousarray(position), near, FARTHER * near, STOPS)
-    return [Stop(begin, end, int(first), int(last), way) for begin, end, first, last, way in found]
+    every = (Stop(begin, end, int(first), int(last), way) for begin, end, first, last, way in found)
+    return [stop for stop in every if stop.end - stop.begin <= BRIEF * rate]
 
 
 @numba.njit(cache=True)

@@ -26,8 +26,6 @@ OFTEN, MOSTLY = 0.02, 0.85
 """Shares of the time between which an axis rests now and then: friction alone sticks for less, more is no motion."""
 REACH, NEARLY = 1.0, 0.5
 """Periods of the band's edge by which what happens at rest is spread, and by which what is nearly known there is."""
-BRIEF = 0.3
-"""How long a stop before a way back may last for friction to pass it evenly, so that it is nearly known [s]."""
 LEAST = 0.05
 """Share of its samples that a motor keeps, or all are judged."""
 FELT = 0.05
@@ -153,13 +151,12 @@ def standing(motion: Motion, valid: np.ndarray, rate: float) -> list[Still]:
 
     def when(A: Vector, B: Vector) -> tuple[np.ndarray, np.ndarray]:
         position, error = motion.q @ A + motion.q_m @ B, motion.position_error(A, B)
-        turning, short = np.zeros((2, len(position)), bool)
-        for stop in stops(position, error):
+        turning, near = np.zeros((2, len(position)), bool)
+        for stop in stops(position, error, rate):
             turning[int(np.ceil(stop.begin)) : int(stop.end) + 1] = True
-            if stop.end - stop.begin <= BRIEF * rate:  # with how much earlier and later it may seem to rest
-                short[max(int(stop.begin - HOLD * rate), 0) : int(stop.end + HOLD * rate) + 1] = True
+            near[max(int(stop.begin - HOLD * rate), 0) : int(stop.end + HOLD * rate) + 1] = True
         rest = (rests(position, valid, rate, error) | turning) & valid
-        return rest, rest & short
+        return rest, rest & near
 
     alone = [when(np.array(place.A), np.array(place.B)) for place in rub_places(model)]
     motors = [when(np.zeros(model.n_joints), own) for own in np.eye(model.n_motors)]

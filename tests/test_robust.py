@@ -271,7 +271,7 @@ def test_friction_may_hold_a_push_at_standstill(speed, size, place, held):
     v = np.where((time > 4) & (time < 6), speed, 1.0)[:, None] * np.ones(3)
     q = np.cumsum(v, axis=0) * (time[1] - time[0])
     speeds = {"v": v, "joint_speeds": v, "v_m": v, "velocity_noise": np.full(3, 1e-4)}
-    known = {"q": q, "q_m": q, "position_error": lambda A, B: 0.0}
+    known = {"q": q, "q_m": q, "position_error": lambda A, B: 0.0, "rate": 100.0}
     motion = SimpleNamespace(model=model, index=0, time=time, swing=None, **known, **speeds)
     search = SimpleNamespace(problem=SimpleNamespace(model=model, motions=[motion]))
     places = joint_places(model)
