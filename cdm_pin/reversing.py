@@ -1,4 +1,4 @@
-"""Reversals: an axis that stops briefly before it turns back is held, and friction goes from one side to the other meanwhile.
+"""Reversals: an axis that stops briefly before it turns back is held, while friction goes from one side to the other.
 
 Dry friction is anything between its limits at rest. What drives the axis back grows while it stands, so the friction
 that holds it does, about evenly. Passing through zero without a stop, a position is a parabola: it stays within four
