@@ -142,7 +142,7 @@ def holding_axes(search: Search) -> frozenset[int]:
     pairs = frozenset(k for k in problem.resting if places[k].is_pair)
 
     def at_rest(k: int, live: np.ndarray) -> np.ndarray:
-        return resting[k] & live[along[k] != 0.0].all(axis=0)
+        return np.logical_and(resting[k], live[along[k] != 0.0].all(axis=0))
 
     def power_of(k: int, z: Vector, there: np.ndarray) -> float:
         felt = along[k] != 0.0

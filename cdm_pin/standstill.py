@@ -119,7 +119,7 @@ def judged(still: Sequence[Still], valid: np.ndarray, band: Band, axes: frozense
     if not (resting | briefly).any():
         return None
     spread = [maximum_filter1d(x, reach(band, y), axis=1) for x, y in ((resting, REACH), (briefly, NEARLY))]
-    live = np.logical_not(spread[0] | spread[1])
+    live = np.logical_not(np.logical_or(*spread))
     live[np.mean(live[:, valid], axis=1) < LEAST] = True
     live = live[:, :: band.step]
     return None if live.all() else live
