@@ -455,8 +455,16 @@ def quantisation_step(x: np.ndarray, tolerance: float = 1e-3) -> float:
 
 
 def _last_digit(x: np.ndarray) -> float:
-    """Give the last decimal digit that numbers were written with; zero where they have as many as a double."""
+    """Give the last digit that numbers were written with; zero where they have as many as a double.
+
+    As many digits after the point in each, or as many from the first one, of which those of the largest count.
+    """
+    most = np.abs(x).max()
+    first = np.floor(np.log10(np.maximum(np.abs(x), 1e-300)))
     for digits in range(13):
         if np.all(np.abs(x - np.round(x, digits)) < 1e-9 * 10.0**-digits + 1e-15 * np.abs(x)):
             return 10.0**-digits
+        unit = 10.0 ** (first - digits)
+        if np.all(np.abs(x / unit - np.round(x / unit)) < 1e-6):
+            return float(10.0 ** (np.floor(np.log10(most)) - digits))
     return 0.0

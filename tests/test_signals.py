@@ -497,3 +497,5 @@ def test_steps_are_seen_behind_rounded_digits(digits):
     x = np.round(np.round(np.sin(np.linspace(0.0, 20.0, 4000)) / step) * step, digits)
     found = quantisation_step(x)
     assert found == pytest.approx(step, rel=1e-3)
+    written = np.array([float(f"{v:.{digits}g}") for v in x])
+    assert quantisation_step(written) == pytest.approx(step, rel=1e-3)
