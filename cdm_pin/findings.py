@@ -301,6 +301,8 @@ def with_law_errors(
 def parameters(candidate: Candidate, beta: Vector, covariance: Vector) -> dict[str, dict[str, Any]]:
     """Physical parameters with standard errors (delta method).
 
+    What a cable gives lags by its damping over its stiffness, and so does any chain of measurement.
+
     Parameters
     ----------
     candidate : Candidate
@@ -335,6 +337,8 @@ def parameters(candidate: Candidate, beta: Vector, covariance: Vector) -> dict[s
         g = np.nan_to_num(slopes[name])
         std = float(np.sqrt(max(g @ covariance @ g, 0.0)))
         out[name] = {"value": float(value), "std": std, "unit": units.get(name, "1")}
+    if {"damping", "stiffness"} <= out.keys() and np.isfinite(values["stiffness"]):  # what is late looks like it
+        out["damping"]["std"] = float(np.hypot(out["damping"]["std"], PROMPT * values["stiffness"]))
     return out
 
 
