@@ -22,7 +22,7 @@ HOLD = 0.25
 """Time [s] for which an axis has to rest, so that it stands and does not turn."""
 CREEPS, BLURRED, ERRORS = 0.005, 0.1, 4.0
 """Shares of an axis's speed (rms) up to which it rests: at least, and at most where errors of positions hide more."""
-OFTEN, MOSTLY = 0.02, 0.85
+OFTEN, MOSTLY = 0.08, 0.85
 """Shares of the time between which an axis rests now and then: friction alone sticks for less, more is no motion."""
 REACH, NEARLY = 1.0, 0.5
 """Periods of the band's edge by which what happens at rest is spread, and by which what is nearly known there is."""
